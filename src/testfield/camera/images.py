@@ -1,0 +1,87 @@
+"""The two images a camera gives: radiance before the sensor, and the digital frame after it."""
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from testfield.errors import TestfieldError
+
+
+@dataclass(frozen=True)
+class SensorSheet:
+    """What a sensor's data sheet tells a measuring person.
+
+    `gain_e_per_dn` electrons a digital number, `read_noise_e` rms, `black_level_dn`, `bits` of the converter.
+    """
+
+    gain_e_per_dn: float
+    read_noise_e: float
+    black_level_dn: float
+    bits: int
+
+    @property
+    def saturation_dn(self) -> int:
+        """The largest digital number."""
+        return (1 << self.bits) - 1
+
+    def variance_dn2(self, mean_dn: np.ndarray) -> np.ndarray:
+        """Variance of a pixel of given mean: read noise, shot noise and quantisation, in DN squared."""
+        electrons = np.maximum(mean_dn - self.black_level_dn, 0) * self.gain_e_per_dn
+        return (self.read_noise_e**2 + electrons) / self.gain_e_per_dn**2 + 1 / 12
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A digital image: `pixels_dn` (h, w) uint16, from the `station` named, by the sensor of `sheet`."""
+
+    station: str
+    pixels_dn: np.ndarray
+    sheet: SensorSheet
+
+    def save(self, path: Path) -> None:
+        """Write a 16-bit PNG, and what the sensor did beside it as JSON."""
+        done, data = cv2.imencode(".png", self.pixels_dn, [cv2.IMWRITE_PNG_COMPRESSION, 1])
+        if not done:
+            raise TestfieldError("the image could not be encoded as PNG", str(path))
+        path.write_bytes(data.tobytes())
+        path.with_suffix(".json").write_text(json.dumps({"station": self.station, **asdict(self.sheet)}, indent=1))
+
+    @staticmethod
+    def load(path: Path) -> "Frame":
+        """Read what `save` wrote. Raises `TestfieldError` where the file is no readable image."""
+        data = np.frombuffer(path.read_bytes(), np.uint8)
+        pixels = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if data.size else None
+        if pixels is None:
+            raise TestfieldError("not a readable image", str(path), "expose again, or replace the file")
+        sheet = json.loads(path.with_suffix(".json").read_text())
+        return Frame(sheet.pop("station"), pixels, SensorSheet(**sheet))
+
+
+@dataclass(frozen=True)
+class Radiance:
+    """Radiance in W / (m^2 sr) averaged over each pixel: `values` (h, w) float32, from the `station` named."""
+
+    station: str
+    values: np.ndarray
+
+    def save(self, path: Path) -> None:
+        """Write a one-channel float32 EXR."""
+        import OpenEXR
+
+        header = {"compression": OpenEXR.ZIPS_COMPRESSION, "type": OpenEXR.scanlineimage, "station": self.station}
+        with OpenEXR.File(header, {"Y": np.ascontiguousarray(self.values, np.float32)}) as file:
+            file.write(str(path))
+
+    @staticmethod
+    def load(path: Path) -> "Radiance":
+        """Read what `save` wrote. Raises `TestfieldError` where the file is no readable EXR."""
+        import OpenEXR
+
+        try:
+            with OpenEXR.File(str(path)) as file:
+                return Radiance(file.header()["station"], np.array(file.channels()["Y"].pixels))
+        except (RuntimeError, KeyError, OSError) as error:
+            raise TestfieldError(f"not a readable radiance image ({error})", str(path), "render again") from error

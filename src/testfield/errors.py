@@ -1,0 +1,24 @@
+"""Errors that speak to a person: what is wrong, where, and what to do."""
+
+
+class TestfieldError(Exception):
+    """Something a person can mend. The command line prints it in one line and exits with status 2.
+
+    Parameters
+    ----------
+    what : one sentence that names the value and what is wrong with it.
+    where : the file, and the field in it, that the sentence is about.
+    do : what to do about it, as an imperative.
+    """
+
+    __test__ = False  # the name begins with "Test", and pytest would collect it
+
+    def __init__(self, what: str, where: str = "", do: str = ""):
+        self.what, self.where, self.do = what, where, do
+        super().__init__(self.sentence())
+
+    def sentence(self) -> str:
+        """The whole message on one line: `where: what; do`."""
+        head = f"{self.where}: " if self.where else ""
+        tail = f"; {self.do}" if self.do else ""
+        return f"{head}{self.what}{tail}"

@@ -1,0 +1,1 @@
+"""World to radiance: the only room that imports mitsuba and drjit."""

@@ -1,0 +1,169 @@
+"""What is printed on the panels, evaluated analytically at any point of any panel.
+
+Given a footprint (the image of a small square of the sensor on the panel), a mark's coverage of it is integrated in
+closed form, so an edge has no sampling error; without one the answer is inside or outside. Both renderers use this
+one texture, hence they see the same boards.
+"""
+
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from testfield.render.variant import mitsuba
+from testfield.scene.world import Panels, TrueMarks
+from testfield.targets.marks import RING_INNER, RING_OUTER
+from testfield.targets.ring_code import word_of_number
+
+
+class PatternTables:
+    """Look-up tables on the device: panels, marks, and for each panel a grid of cells that lists nearby marks."""
+
+    def __init__(self, panels: Panels, marks: TrueMarks, bits: int):
+        mi = mitsuba()
+        self.bits = bits
+        extent = marks.diameter_mm / 2 * np.where(marks.code > 0, RING_OUTER, 1.0)
+        words = np.zeros(len(marks), np.uint32)
+        words[marks.code > 0] = word_of_number(marks.code[marks.code > 0], bits)
+        cells = [_cells(size, marks.xy_mm, extent, np.flatnonzero(marks.panel == k)) for k, size in enumerate(panels.size_mm)]
+        self.candidates = max((cell.shape[2] for cell in cells), default=1)
+        padded = [np.pad(c, ((0, 0), (0, 0), (0, self.candidates - c.shape[2])), constant_values=-1) for c in cells]
+        starts = np.cumsum([0] + [p.size for p in padded[:-1]])
+
+        self.width, self.height = (mi.Float(panels.size_mm[:, k].astype(np.float32)) for k in (0, 1))
+        self.ground, self.ink = mi.Float(panels.ground_albedo), mi.Float(panels.ink_albedo)
+        self.start = mi.UInt32(starts)
+        self.columns = mi.UInt32([c.shape[1] for c in cells])
+        self.rows = mi.UInt32([c.shape[0] for c in cells])
+        self.list = mi.Int32(np.concatenate([p.ravel() for p in padded]))
+        if len(marks):
+            self.x, self.y = (mi.Float(marks.xy_mm[:, k].astype(np.float32)) for k in (0, 1))
+            self.radius, self.word = mi.Float(marks.diameter_mm / 2), mi.UInt32(words)
+
+    def coverage(self, panel: Any, uv: Any, duv_dx: Any, duv_dy: Any) -> Any:
+        """Fraction of the footprint that is ink, in [0, 1]."""
+        mi = mitsuba()
+        import drjit as dr
+
+        width, height = dr.gather(mi.Float, self.width, panel), dr.gather(mi.Float, self.height, panel)
+        x, y = (uv.x - 0.5) * width, (uv.y - 0.5) * height
+        jacobian = (duv_dx.x * width, duv_dy.x * width, duv_dx.y * height, duv_dy.y * height)
+        columns, rows = dr.gather(mi.UInt32, self.columns, panel), dr.gather(mi.UInt32, self.rows, panel)
+        column = mi.UInt32(dr.clip(uv.x * mi.Float(columns), 0, mi.Float(columns) - 1))
+        row = mi.UInt32(dr.clip(uv.y * mi.Float(rows), 0, mi.Float(rows) - 1))
+        first = dr.gather(mi.UInt32, self.start, panel) + (row * columns + column) * self.candidates
+        ink = mi.Float(0)
+        for k in range(self.candidates):
+            mark = dr.gather(mi.Int32, self.list, first + k)
+            here = mark >= 0
+            index = mi.UInt32(dr.maximum(mark, 0))
+            dx = x - dr.gather(mi.Float, self.x, index, here)
+            dy = y - dr.gather(mi.Float, self.y, index, here)
+            radius = dr.gather(mi.Float, self.radius, index, here)
+            word = dr.gather(mi.UInt32, self.word, index, here)
+            ink += dr.select(here, self._mark(dx, dy, radius, word, jacobian), 0)
+        return dr.minimum(ink, 1)
+
+    def _mark(self, dx: Any, dy: Any, radius: Any, word: Any, jacobian: tuple) -> Any:
+        mi = mitsuba()
+        import drjit as dr
+
+        xx, xy, yx, yy = jacobian
+        r = dr.maximum(dr.sqrt(dx * dx + dy * dy), 1e-6)
+        nx, ny = dx / r, dy / r
+        radial = (nx * xx + ny * yx, nx * xy + ny * yy)
+        tangential = (ny * xx - nx * yx, ny * xy - nx * yy)  # towards clockwise, seen from the front
+        # A circle bends away from its tangent: over the footprint its mean distance is less by this much.
+        sag = (tangential[0] ** 2 + tangential[1] ** 2) / (24 * r)
+
+        def inside(edge: Any) -> Any:
+            return half_plane(edge - r - sag, radial)
+
+        angle = dr.atan2(-dy, dx)
+        turn = angle * (self.bits / (2 * np.pi))
+        turn = dr.select(turn < 0, turn + self.bits, turn)
+        boundary = dr.round(turn)
+        clockwise = half_plane(r * dr.sin((turn - boundary) * (2 * np.pi / self.bits)), tangential)
+        after = mi.UInt32(boundary) % self.bits
+        before = (after + self.bits - 1) % self.bits
+        bit_after = mi.Float((word >> (self.bits - 1 - after)) & 1)
+        bit_before = mi.Float((word >> (self.bits - 1 - before)) & 1)
+        segment = bit_after * clockwise + bit_before * (1 - clockwise)
+        ring = (inside(RING_OUTER * radius) - inside(RING_INNER * radius)) * segment
+        return inside(radius) + dr.select(word > 0, ring, 0)
+
+
+def half_plane(distance: Any, gradient: tuple[Any, Any]) -> Any:
+    """Part of the unit square centred at 0 where `distance + gradient . p > 0`, exactly; a step without gradient."""
+    import drjit as dr
+
+    a, b = dr.abs(gradient[0]), dr.abs(gradient[1])
+    large, small = dr.maximum(a, b), dr.minimum(a, b)
+    reach = (large + small) / 2 - dr.abs(distance)
+    straight = reach >= small
+    corner = reach * reach / dr.maximum(2 * large * small, 1e-30)
+    near = dr.select(straight, 0.5 - dr.abs(distance) / dr.maximum(large, 1e-30), corner)
+    outside = dr.select(reach > 0, near, 0)
+    return dr.select(distance > 0, 1 - outside, outside)
+
+
+def _cells(size_mm: np.ndarray, xy_mm: np.ndarray, extent_mm: np.ndarray, marks: np.ndarray) -> np.ndarray:
+    """(rows, columns, k) indices of the marks that may touch each cell of a panel, -1 where fewer than k do."""
+    if len(marks) == 0:
+        return np.full((1, 1, 1), -1)
+    cell_mm = max(2 * np.median(extent_mm[marks]), size_mm.max() / 256)
+    columns, rows = (int(n) for n in np.clip(size_mm // cell_mm, 1, 256))
+    # An edge is felt within a footprint of it; three millimetres are more than any footprint in use.
+    reach = extent_mm[marks] + 3.0
+    low = (xy_mm[marks] - reach[:, None] + size_mm / 2) / size_mm * [columns, rows]
+    high = (xy_mm[marks] + reach[:, None] + size_mm / 2) / size_mm * [columns, rows]
+    lists: list[list[list[int]]] = [[[] for _ in range(columns)] for _ in range(rows)]
+    for mark, (x0, y0), (x1, y1) in zip(marks, np.floor(low), np.floor(high), strict=True):
+        for row in range(max(int(y0), 0), min(int(y1), rows - 1) + 1):
+            for column in range(max(int(x0), 0), min(int(x1), columns - 1) + 1):
+                lists[row][column].append(int(mark))
+    most = max(1, max(len(cell) for row_lists in lists for cell in row_lists))
+    table = np.full((rows, columns, most), -1)
+    for row in range(rows):
+        for column in range(columns):
+            table[row, column, : len(lists[row][column])] = lists[row][column]
+    return table
+
+
+@lru_cache
+def pattern_texture_class() -> type:
+    """The plugin class, registered once."""
+    mi = mitsuba()
+    import drjit as dr
+
+    class PatternTexture(mi.Texture):
+        def __init__(self, props: Any):
+            super().__init__(props)
+            self.tables: PatternTables | None = None
+            self.panel_of_shape: Any = None
+
+        def panel(self, si: Any) -> Any:
+            return dr.gather(mi.UInt32, self.panel_of_shape, dr.reinterpret_array(mi.UInt32, si.shape))
+
+        def eval_1(self, si, active=True):  # type: ignore[no-untyped-def]
+            tables = self.tables
+            assert tables is not None
+            panel = self.panel(si)
+            ink = tables.coverage(panel, si.uv, si.duv_dx, si.duv_dy)
+            ground = dr.gather(mi.Float, tables.ground, panel)
+            return ground + ink * (dr.gather(mi.Float, tables.ink, panel) - ground)
+
+        def eval(self, si, active=True):  # type: ignore[no-untyped-def]
+            return mi.Color1f(self.eval_1(si, active))
+
+        def mean(self):  # type: ignore[no-untyped-def]
+            return mi.Float(0.5)
+
+        def to_string(self):  # type: ignore[no-untyped-def]
+            return "PatternTexture[]"
+
+        def is_spatially_varying(self):  # type: ignore[no-untyped-def]
+            return True
+
+    mi.register_texture("testfield_pattern", PatternTexture)
+    return PatternTexture

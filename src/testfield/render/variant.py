@@ -1,0 +1,47 @@
+"""Choose Mitsuba's variant: CUDA where it works, else LLVM with a library that is known to be usable."""
+
+import os
+import sys
+from functools import lru_cache
+from pathlib import Path
+from types import ModuleType
+
+from testfield.errors import TestfieldError
+from testfield.render.llvm import require_library, usable_library
+
+
+@lru_cache
+def mitsuba() -> ModuleType:
+    """The mitsuba module with its variant set. Call this instead of `import mitsuba`.
+
+    Raises `TestfieldError` where neither CUDA nor a usable libLLVM is here, saying what to install.
+    """
+    if "mitsuba" in sys.modules or "drjit" in sys.modules:
+        raise TestfieldError("mitsuba was imported before testfield chose its libLLVM", do="import testfield first")
+    library = usable_library()
+    # Dr.Jit reads the variable when its LLVM backend starts; a path that cannot load keeps it from
+    # searching the system on its own and finding a library that aborts.
+    os.environ["DRJIT_LIBLLVM_PATH"] = str(library or "/nonexistent/libLLVM.so")
+    import mitsuba as mi
+
+    wanted = os.environ.get("TESTFIELD_VARIANT")
+    if wanted:
+        mi.set_variant(wanted)
+    elif _cuda_works():
+        mi.set_variant("cuda_ad_mono")
+    else:
+        require_library()
+        mi.set_variant("llvm_ad_mono")
+    mi.set_log_level(mi.LogLevel.Error)
+    return mi
+
+
+def _cuda_works() -> bool:
+    if not Path("/dev/nvidiactl").exists():
+        return False
+    import drjit as dr
+
+    try:
+        return bool(dr.has_backend(dr.JitBackend.CUDA)) and int(dr.sum(dr.cuda.Float([1.0, 2.0]))[0]) == 3
+    except Exception:  # a broken driver shows itself in many ways, and LLVM serves in all of them
+        return False

@@ -1,0 +1,99 @@
+"""The field sheet: everything a measuring person is told about the field, and nothing that is only true."""
+
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from testfield.targets.marks import Marks
+
+
+@dataclass(frozen=True)
+class NominalBoard:
+    """A sub-board as certified: its marks in its own frame, and how well they are known.
+
+    `u_xy_mm` is the standard uncertainty of each mark's x and y, `u_z_mm` of its height (flatness).
+    """
+
+    name: str
+    marks: Marks
+    u_xy_mm: float
+    u_z_mm: float
+
+
+@dataclass(frozen=True)
+class ScaleBar:
+    """Two coded targets at a certified centre-to-centre distance. `role` is `control` or `check`."""
+
+    name: str
+    role: str
+    codes: tuple[int, int]
+    length_mm: float
+    u_length_mm: float
+
+
+@dataclass(frozen=True)
+class Field:
+    """The field sheet.
+
+    `u_scale` is the relative standard uncertainty of the scale all boards share (printing, temperature);
+    `loose` maps the code of each coded target that belongs to no board to its dot diameter in mm.
+    """
+
+    bits: int
+    boards: tuple[NominalBoard, ...]
+    scale_bars: tuple[ScaleBar, ...] = ()
+    loose: dict[int, float] = field(default_factory=dict)
+    white_on_black: bool = True
+    u_scale: float = 0.0
+
+    def save(self, path: Path) -> None:
+        """Write as JSON (`field.json` in a run's folder)."""
+        boards = [
+            {
+                "name": b.name,
+                "u_xy_mm": b.u_xy_mm,
+                "u_z_mm": b.u_z_mm,
+                "x_mm": b.marks.xy_mm[:, 0].tolist(),
+                "y_mm": b.marks.xy_mm[:, 1].tolist(),
+                "diameter_mm": b.marks.diameter_mm.tolist(),
+                "code": b.marks.code.tolist(),
+            }
+            for b in self.boards
+        ]
+        bars = [bar.__dict__ | {"codes": list(bar.codes)} for bar in self.scale_bars]
+        sheet = {
+            "bits": self.bits,
+            "white_on_black": self.white_on_black,
+            "u_scale": self.u_scale,
+            "boards": boards,
+            "scale_bars": bars,
+            "loose_diameter_mm": {str(code): d for code, d in self.loose.items()},
+        }
+        path.write_text(json.dumps(sheet, indent=1))
+
+    @staticmethod
+    def load(path: Path) -> "Field":
+        """Read what `save` wrote."""
+        sheet = json.loads(path.read_text())
+        boards = tuple(
+            NominalBoard(
+                b["name"],
+                Marks(
+                    np.column_stack([b["x_mm"], b["y_mm"]]).astype(float),
+                    np.array(b["diameter_mm"], float),
+                    np.array(b["code"], int),
+                    sheet["bits"],
+                ),
+                b["u_xy_mm"],
+                b["u_z_mm"],
+            )
+            for b in sheet["boards"]
+        )
+        bars = tuple(
+            ScaleBar(b["name"], b["role"], (b["codes"][0], b["codes"][1]), b["length_mm"], b["u_length_mm"])
+            for b in sheet["scale_bars"]
+        )
+        loose = {int(code): d for code, d in sheet["loose_diameter_mm"].items()}
+        return Field(sheet["bits"], boards, bars, loose, sheet["white_on_black"], sheet["u_scale"])
