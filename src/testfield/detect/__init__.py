@@ -1,0 +1,1 @@
+"""Frame to observations: find, centre, decode, identify. Works without any truth."""

@@ -1,0 +1,70 @@
+"""What every centroid estimator takes and gives, and the windows that they all cut."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+WINDOW = 1.6
+"""Pixels up to this many half-axes from the centre are used: the gap before a ring begins ends at 2."""
+
+
+@dataclass(frozen=True)
+class Centres:
+    """Measured dots, n rows.
+
+    `xy_px` (n, 2), `cov_px2` (n, 2, 2), `moments_px2` (n, 2, 2) of the dot's area, `contrast_dn`, `background_dn`
+    (n,) the dot's and the surroundings' level, `chi2` (n,) misfit per degree of freedom, `misfit` (n,) rms residual
+    beyond noise as a fraction of the contrast, `ok` (n,) whether it was measured.
+    """
+
+    xy_px: np.ndarray
+    cov_px2: np.ndarray
+    moments_px2: np.ndarray
+    contrast_dn: np.ndarray
+    background_dn: np.ndarray
+    chi2: np.ndarray
+    misfit: np.ndarray
+    ok: np.ndarray
+
+    @staticmethod
+    def empty(n: int) -> "Centres":
+        """n dots, none measured yet."""
+        nan = np.full(n, np.nan)
+        return Centres(
+            np.full((n, 2), np.nan), np.full((n, 2, 2), np.nan), np.full((n, 2, 2), np.nan),
+            nan, nan.copy(), nan.copy(), nan.copy(), np.zeros(n, bool),
+        )  # fmt: skip
+
+    def put(self, rows: np.ndarray, part: "Centres") -> None:
+        """Write a part's rows."""
+        for name, values in vars(part).items():
+            getattr(self, name)[rows] = values
+
+
+def half_widths(moments_px2: np.ndarray) -> np.ndarray:
+    """(n,) half-widths in px of square windows that hold `WINDOW` half-axes, in steps that make few groups."""
+    largest = 2 * np.sqrt(np.linalg.eigvalsh(moments_px2)[:, 1])
+    need = np.ceil(WINDOW * largest + 1.5)
+    step = np.maximum(2, 2.0 ** np.floor(np.log2(need) - 2))
+    return (np.ceil(need / step) * step).astype(int)
+
+
+def windows(
+    image: np.ndarray, xy_px: np.ndarray, half: np.ndarray, most: int = 256
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
+    """Windows of equal size in batches: rows, pixel values (m, k), and their x and y (m, k).
+
+    Windows that would leave the image are left out.
+    """
+    height, width = image.shape
+    corner = np.rint(xy_px).astype(int)
+    inside = np.all((corner - half[:, None] >= 0) & (corner + half[:, None] < [width, height]), axis=1)
+    for size in np.unique(half[inside]):
+        rows = np.flatnonzero(inside & (half == size))
+        offset = np.arange(-size, size + 1)
+        dy, dx = (g.ravel() for g in np.meshgrid(offset, offset, indexing="ij"))
+        for start in range(0, len(rows), most):
+            part = rows[start : start + most]
+            x, y = corner[part, :1] + dx, corner[part, 1:] + dy
+            yield part, image[y, x].astype(np.float64), x, y

@@ -1,0 +1,100 @@
+"""Give every dot its name: the coded targets of a board say where its plain dots must be."""
+
+import cv2
+import numpy as np
+from scipy.spatial import cKDTree
+
+from testfield.targets.field import Field
+
+LEAST_CODES = 4
+CODE_TOLERANCE_PX = 6.0
+DOT_TOLERANCE = 0.3
+"""Fraction of the local spacing of dots by which a dot may miss its predicted place."""
+
+
+def identify(xy_px: np.ndarray, code: np.ndarray, field: Field) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Board (n,) and point (n,) index of each detection of one image, -1 for none, and the reason (n,) where refused.
+
+    A code that contradicts its board's layout, or that is read twice, is refused. From the board's codes a homography
+    predicts the dots; it is extended outwards from what is already identified, so the lens' distortion, unknown here,
+    is followed and never extrapolated.
+    """
+    n = len(xy_px)
+    board, point, reason = np.full(n, -1), np.full(n, -1), np.full(n, "", dtype=object)
+    for number in np.unique(code[code > 0]):
+        same = np.flatnonzero(code == number)
+        if len(same) > 1:
+            reason[same] = "code read twice in one image"
+    listed = {int(c) for b in field.boards for c in b.marks.code[b.marks.code > 0]} | set(field.loose)
+    unknown = (code > 0) & ~np.isin(code, list(listed))
+    reason[unknown] = "code not in the field"
+
+    for b, sheet in enumerate(field.boards):
+        place = {int(c): k for k, c in enumerate(sheet.marks.code) if c > 0}
+        mine = np.flatnonzero(np.isin(code, list(place)) & (reason == ""))
+        if len(mine) < LEAST_CODES:
+            continue
+        index = np.array([place[int(c)] for c in code[mine]])
+        consistent = _consistent(sheet.marks.xy_mm[index], xy_px[mine])
+        reason[mine[~consistent]] = "code contradicts its board's layout"
+        if consistent.sum() < LEAST_CODES:
+            continue
+        board[mine[consistent]], point[mine[consistent]] = b, index[consistent]
+        free = np.flatnonzero((code == 0) & (board == -1))
+        dots = np.flatnonzero(sheet.marks.code == 0)
+        for detection, dot in _grow(sheet.marks.xy_mm, index[consistent], xy_px[mine[consistent]], dots, xy_px, free):
+            board[detection], point[detection] = b, dot
+    return board, point, reason
+
+
+def _consistent(layout: np.ndarray, image: np.ndarray) -> np.ndarray:
+    """(n,) which codes one homography carries."""
+    _, mask = cv2.findHomography(layout.astype(np.float64), image.astype(np.float64), cv2.RANSAC, CODE_TOLERANCE_PX)
+    return np.zeros(len(layout), bool) if mask is None else mask.ravel().astype(bool)
+
+
+def _grow(
+    layout: np.ndarray, known: np.ndarray, known_px: np.ndarray, dots: np.ndarray, xy_px: np.ndarray, free: np.ndarray
+) -> list[tuple[int, int]]:
+    """Pairs (detection, dot): ring by ring outwards from the marks that are known."""
+    pairs: list[tuple[int, int]] = []
+    if len(free) == 0 or len(dots) == 0:
+        return pairs
+    found = cKDTree(xy_px[free])
+    spacing = np.median(cKDTree(layout[dots]).query(layout[dots], k=min(2, len(dots)))[0][:, -1]) if len(dots) > 1 else 1.0
+    left, taken = dots.copy(), np.zeros(len(free), bool)
+    reach = 2.5 * spacing
+    while len(left):
+        homography, _ = cv2.findHomography(layout[known].astype(np.float64), known_px.astype(np.float64))
+        if homography is None:
+            break
+        residual = known_px - _apply(homography, layout[known])
+        near, neighbours = cKDTree(layout[known]).query(layout[left], k=min(4, len(known)))
+        edge = near[:, 0] <= reach
+        if not edge.any():
+            break
+        at = layout[left[edge]]
+        predicted = _apply(homography, at) + residual[neighbours[edge]].mean(axis=1)
+        # The local spacing in px: what one spacing on the board becomes here, in its shorter direction.
+        steps = [np.linalg.norm(_apply(homography, at + s) - _apply(homography, at), axis=1) for s in ([spacing, 0], [0, spacing])]
+        tolerance = DOT_TOLERANCE * np.minimum(*steps)
+        distance, hit = found.query(predicted)
+        good = (distance < tolerance) & ~taken[hit]
+        # Two dots never share a detection.
+        order = np.argsort(distance)
+        first = np.zeros(len(hit), bool)
+        first[order[np.unique(hit[order], return_index=True)[1]]] = True
+        good &= first
+        new = left[edge][good]
+        pairs += list(zip(free[hit[good]].tolist(), new.tolist(), strict=True))
+        taken[hit[good]] = True
+        known = np.concatenate([known, new])
+        known_px = np.vstack([known_px, xy_px[free[hit[good]]]])
+        # Dots on the edge that found nothing are absent here; growth goes on around them.
+        left = left[~edge] if good.any() else left[:0]
+    return pairs
+
+
+def _apply(homography: np.ndarray, xy: np.ndarray) -> np.ndarray:
+    mapped = np.column_stack([xy, np.ones(len(xy))]) @ homography.T
+    return mapped[:, :2] / mapped[:, 2:]

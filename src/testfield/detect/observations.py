@@ -1,0 +1,103 @@
+"""What detection hands on: one row for each blob that was looked at, measured or turned down with a reason."""
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+
+MEASURED = "measured"
+
+
+@dataclass(frozen=True)
+class Observations:
+    """All observations of a run, as a structure of n rows.
+
+    `stations` names; `station` (n,) index into it; `xy_px` (n, 2) centre of the dot's image, `cov_px2` (n, 2, 2) its
+    covariance; `moments_px2` (n, 2, 2) second moments of the dot's area, that is a quarter of its squared half-axes;
+    `code` (n,) the ring's number, 0 for a plain dot; `board`, `point` (n,) which mark of which board's sheet, -1 for
+    none; `chi2` (n,) misfit of the dot's model per degree of freedom; `status` (n,) `measured` or why not.
+    `centre_of_disc` tells what `xy_px` is: True, the centre of area of the dot's image; False, the projection of
+    the mark's centre, as corners or synthetic points give it.
+    """
+
+    stations: tuple[str, ...]
+    station: np.ndarray
+    xy_px: np.ndarray
+    cov_px2: np.ndarray
+    moments_px2: np.ndarray
+    code: np.ndarray
+    board: np.ndarray
+    point: np.ndarray
+    chi2: np.ndarray
+    status: np.ndarray
+    centre_of_disc: bool = True
+
+    def __len__(self) -> int:
+        return len(self.station)
+
+    def take(self, rows: np.ndarray) -> "Observations":
+        """The rows of an index or a mask."""
+        return Observations(
+            self.stations, *(getattr(self, f.name)[rows] for f in fields(self)[1:-1]), self.centre_of_disc
+        )
+
+    @property
+    def measured(self) -> "Observations":
+        """Only the rows that were measured."""
+        return self.take(self.status == MEASURED)
+
+    @property
+    def diameter_px(self) -> np.ndarray:
+        """(n,) diameter of the circle of the dot's area."""
+        return 4 * np.maximum(np.linalg.det(self.moments_px2), 0) ** 0.25
+
+    @staticmethod
+    def join(parts: list["Observations"], stations: tuple[str, ...]) -> "Observations":
+        """One set from one part for each station, in order."""
+        columns = []
+        for f in fields(Observations)[1:-1]:
+            values = [getattr(part, f.name) for part in parts]
+            if f.name == "station":
+                values = [np.full(len(part), k) for k, part in enumerate(parts)]
+            columns.append(np.concatenate(values))
+        return Observations(stations, *columns, parts[0].centre_of_disc)
+
+    def save(self, path: Path) -> None:
+        """Write as Parquet, one row an observation; matrices as their columns."""
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        cov, moments = self.cov_px2, self.moments_px2
+        table = pa.table(
+            {
+                "station": np.array(self.stations, dtype=object)[self.station],
+                "x_px": self.xy_px[:, 0], "y_px": self.xy_px[:, 1],
+                "cov_xx_px2": cov[:, 0, 0], "cov_xy_px2": cov[:, 0, 1], "cov_yy_px2": cov[:, 1, 1],
+                "moment_xx_px2": moments[:, 0, 0], "moment_xy_px2": moments[:, 0, 1], "moment_yy_px2": moments[:, 1, 1],
+                "code": self.code, "board": self.board, "point": self.point, "chi2": self.chi2, "status": self.status.astype(str),
+            }
+        )  # fmt: skip
+        notes = {"stations": "\n".join(self.stations), "centre_of_disc": str(self.centre_of_disc)}
+        pq.write_table(table.replace_schema_metadata(notes), path)
+
+    @staticmethod
+    def load(path: Path) -> "Observations":
+        """Read what `save` wrote."""
+        import pyarrow.parquet as pq
+
+        table = pq.read_table(path)
+        notes = table.schema.metadata
+        stations = tuple(notes[b"stations"].decode().split("\n"))
+        column = {name: table[name].to_numpy(zero_copy_only=False) for name in table.column_names}
+        number = {name: k for k, name in enumerate(stations)}
+
+        def symmetric(stem: str) -> np.ndarray:
+            xx, xy, yy = (column[f"{stem}_{part}_px2"] for part in ("xx", "xy", "yy"))
+            return np.stack([np.stack([xx, xy], -1), np.stack([xy, yy], -1)], -2)
+
+        return Observations(
+            stations, np.array([number[name] for name in column["station"]], int),
+            np.column_stack([column["x_px"], column["y_px"]]), symmetric("cov"), symmetric("moment"),
+            column["code"], column["board"], column["point"], column["chi2"], column["status"].astype(object),
+            notes[b"centre_of_disc"] == b"True",
+        )  # fmt: skip

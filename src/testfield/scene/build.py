@@ -1,0 +1,157 @@
+"""A scene becomes a world: generators run, errors of manufacture are drawn, everything gets its place."""
+
+import numpy as np
+
+from testfield.camera.interior import Interior
+from testfield.camera.pose import Poses
+from testfield.errors import TestfieldError
+from testfield.scene import generators
+from testfield.scene.frames import along, facing
+from testfield.scene.schema import BoardPart, CheckOnBoard, ExtensionZone, RecognitionZone, SceneFile
+from testfield.scene.world import BAR, BOARD, CHECK, AreaLight, Panels, TrueMarks, World
+from testfield.seeds import generator
+from testfield.targets.field import Field, NominalBoard, ScaleBar
+from testfield.targets.marks import QUIET, Marks
+
+CARD_MARGIN = QUIET + 0.3
+"""Half a card's width in dot radii: the quiet zone and a little more."""
+BAR_THICKNESS_MM, CARD_THICKNESS_MM = 20.0, 2.0
+
+
+class _Assembly:
+    """Panels and marks while a world is put together."""
+
+    def __init__(self, scene: SceneFile):
+        paint = scene.paint
+        self.black, self.white, self.back = paint.black, paint.white, paint.back
+        self.white_on_black = paint.white_on_black
+        self.panels: list[tuple] = []
+        self.marks: list[tuple] = []
+
+    def panel(self, name: str, R: np.ndarray, t: np.ndarray, size: tuple, thickness: float) -> int:
+        """A printed front and its plain back; returns the front's index."""
+        ground, ink = (self.black, self.white) if self.white_on_black else (self.white, self.black)
+        self.panels.append((name, R, t, size, ground, ink))
+        behind = np.column_stack([-R[:, 0], R[:, 1], -R[:, 2]])
+        self.panels.append((f"{name} (back)", behind, t - thickness * R[:, 2], size, self.back, self.back))
+        return len(self.panels) - 2
+
+    def mark(self, panel: int, xy: np.ndarray, diameter: float, code: int, role: int, board: int = -1, point: int = -1) -> None:
+        """One mark at its true place on a panel."""
+        self.marks.append((panel, xy, diameter, code, role, board, point))
+
+
+def build_world(scene: SceneFile) -> World:
+    """The world of a scene. Raises `TestfieldError` for what the schema alone cannot see, naming the field."""
+    seed = scene.seed
+    scale_error = 1e-6 * scene.u_print_scale_ppm * generator(seed, "print_scale").standard_normal()
+    parts = _Assembly(scene)
+
+    boards, board_R, board_t, keep_clear = [], [], [], []
+    for k, board in enumerate(scene.boards):
+        try:
+            R, t = facing(np.array(board.normal), np.radians(board.spin_deg)), np.array(board.position_mm, float)
+        except ValueError as error:
+            raise TestfieldError(str(error), f"boards[{k}].normal") from error
+        nominal = nominal_board(board, scene.code_bits, k)
+        panel = parts.panel(board.name, R, t, board.size_mm, board.thickness_mm)
+        drawn = generator(seed, f"print/{board.name}").normal(0, 1, nominal.marks.xy_mm.shape) * board.print_sigma_mm
+        true_xy = nominal.marks.xy_mm * (1 + scale_error) + drawn
+        for i, xy in enumerate(true_xy):
+            parts.mark(panel, xy, nominal.marks.diameter_mm[i], int(nominal.marks.code[i]), BOARD, k, i)
+        for number, check in enumerate(scene.check_targets):
+            if isinstance(check, CheckOnBoard) and check.board == board.name:
+                parts.mark(panel, np.array(check.xy_mm), check.diameter_mm, check.code, CHECK)
+            elif isinstance(check, CheckOnBoard) and check.board not in {b.name for b in scene.boards}:
+                raise TestfieldError(f"no board is called '{check.board}'", f"check_targets[{number}].board")
+        boards.append(nominal)
+        board_R.append(R)
+        board_t.append(t)
+        keep_clear.append((t, float(np.hypot(*board.size_mm)) * 0.4))
+
+    bars, loose = [], {}
+    for k, bar in enumerate(scene.scale_bars):
+        try:
+            R = along(np.array(bar.direction), np.array(bar.normal))
+        except ValueError as error:
+            raise TestfieldError(f"{error}, or direction and normal are parallel", f"scale_bars[{k}].direction") from error
+        half = CARD_MARGIN * bar.diameter_mm / 2
+        panel = parts.panel(bar.name, R, np.array(bar.position_mm, float), (bar.length_mm + 2 * half, 2 * half), BAR_THICKNESS_MM)
+        true_length = bar.length_mm + bar.u_length_mm * generator(seed, f"bar/{bar.name}").standard_normal()
+        for code, side in zip(bar.codes, (-0.5, 0.5), strict=True):
+            parts.mark(panel, np.array([side * true_length, 0]), bar.diameter_mm, code, BAR)
+            loose[code] = bar.diameter_mm
+        bars.append(ScaleBar(bar.name, bar.role, bar.codes, bar.length_mm, bar.u_length_mm))
+        keep_clear.append((np.array(bar.position_mm), 60.0))
+
+    for code, position, normal, diameter in generators.check_cards(scene.check_targets, seed, keep_clear):
+        side = CARD_MARGIN * diameter
+        panel = parts.panel(f"check {code}", facing(normal), position, (side, side), CARD_THICKNESS_MM)
+        parts.mark(panel, np.zeros(2), diameter, code, CHECK)
+    loose |= {code: d for _, _, d, code, role, _, _ in parts.marks if role == CHECK}
+
+    for k, surface in enumerate(scene.room.surfaces):
+        try:
+            R = facing(np.array(surface.normal))
+        except ValueError as error:
+            raise TestfieldError(str(error), f"room.surfaces[{k}].normal") from error
+        parts.panels.append((surface.name, R, np.array(surface.position_mm, float), surface.size_mm, surface.albedo, surface.albedo))
+
+    lights = tuple(
+        AreaLight(Poses(facing(np.array(lamp.normal))[None], np.array([lamp.position_mm], float)), lamp.size_mm, lamp.radiance_w_m2_sr)
+        for lamp in scene.room.lights
+    )
+    names, station_R, station_t = generators.stations(scene.stations, seed)
+    field = Field(scene.code_bits, tuple(boards), tuple(bars), loose, scene.paint.white_on_black, 1e-6 * scene.u_print_scale_ppm)
+    return World(
+        scene.name, seed, float(np.linalg.norm(scene.volume.size_mm)), _panels(parts), _marks(parts),
+        Poses(np.array(board_R), np.array(board_t)), tuple(names), Poses(station_R, station_t), true_interior(scene),
+        scene.camera.psf_sigma_px, lights, scene.room.ambient_w_m2_sr, field,
+    )  # fmt: skip
+
+
+def true_interior(scene: SceneFile) -> Interior:
+    """The camera's true interior orientation in px."""
+    camera = scene.camera
+    focal = 1000 * camera.focal_length_mm / camera.pixel_pitch_um
+    middle = ((camera.width_px - 1) / 2, (camera.height_px - 1) / 2)
+    cx, cy = (m + offset for m, offset in zip(middle, camera.principal_point_offset_px, strict=True))
+    values = [focal, focal * camera.aspect, cx, cy, camera.k1, camera.k2, camera.k3, camera.p1, camera.p2]
+    return Interior(camera.width_px, camera.height_px, np.array(values, float))
+
+
+def nominal_board(board: BoardPart, bits: int, index: int) -> NominalBoard:
+    """What the certificate of a sub-board says: coded targets first, then the plain dots."""
+    zone = board.recognition_zone
+    count = zone.columns * zone.rows
+    if zone.codes is not None and zone.first_code is not None:
+        raise TestfieldError("both codes and first_code are given", f"boards[{index}].recognition_zone", "give one of them")
+    if zone.codes is None and zone.first_code is None:
+        raise TestfieldError("neither codes nor first_code is given", f"boards[{index}].recognition_zone", "give one of them")
+    if zone.codes is not None and len(zone.codes) != count:
+        raise TestfieldError(
+            f"{len(zone.codes)} numbers for {count} targets", f"boards[{index}].recognition_zone.codes", f"give {count}"
+        )
+    codes = np.array(zone.codes) if zone.codes is not None else zone.first_code + np.arange(count)
+    coded = Marks(_grid(zone), np.full(count, zone.diameter_mm), codes, bits)
+    dots_xy = _grid(board.extension_zone)
+    dots = Marks(dots_xy, np.full(len(dots_xy), board.extension_zone.diameter_mm), np.zeros(len(dots_xy), int), bits)
+    return NominalBoard(board.name, Marks.join([coded, dots]), board.print_sigma_mm, 0.0)
+
+
+def _grid(zone: ExtensionZone | RecognitionZone) -> np.ndarray:
+    x = (np.arange(zone.columns) - (zone.columns - 1) / 2) * zone.pitch_mm + zone.centre_mm[0]
+    y = ((zone.rows - 1) / 2 - np.arange(zone.rows)) * zone.pitch_mm + zone.centre_mm[1]
+    return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+
+
+def _panels(parts: _Assembly) -> Panels:
+    name, R, t, size, ground, ink = zip(*parts.panels, strict=True)
+    return Panels(name, Poses(np.array(R), np.array(t)), np.array(size, float), np.array(ground), np.array(ink))
+
+
+def _marks(parts: _Assembly) -> TrueMarks:
+    panel, xy, diameter, code, role, board, point = zip(*parts.marks, strict=True)
+    return TrueMarks(
+        np.array(panel), np.array(xy, float), np.array(diameter, float), *(np.array(v, int) for v in (code, role, board, point))
+    )

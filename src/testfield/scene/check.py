@@ -1,0 +1,144 @@
+"""What is wrong with a scene before any long work starts: errors stop it, warnings are told."""
+
+from collections import Counter
+
+import numpy as np
+
+from testfield.errors import TestfieldError
+from testfield.scene.schema import SceneFile
+from testfield.scene.truth import Views
+from testfield.scene.world import World
+from testfield.targets.marks import QUIET, RING_OUTER
+from testfield.targets.ring_code import code_words
+
+DECODABLE_PX = 8.0
+FACES_DEG = 75.0
+
+
+def check_scene(scene: SceneFile, world: World, views: Views, source: str) -> list[str]:
+    """Warnings, one sentence each. Raises `TestfieldError` for what makes the scene impossible."""
+    _unique_names(scene, source)
+    _codes_exist_and_differ(scene, world, source)
+    _marks_fit(scene, world, source)
+    _stations_stand_free(world, source)
+    _stations_see(world, views, source)
+    return _sizes(world, views, source) + _joined(world, views, source) + _lit(scene, source)
+
+
+def _unique_names(scene: SceneFile, source: str) -> None:
+    for label, names in (
+        ("boards", [b.name for b in scene.boards]),
+        ("scale_bars", [b.name for b in scene.scale_bars]),
+        ("room.surfaces", [s.name for s in scene.room.surfaces]),
+    ):
+        for name, count in Counter(names).items():
+            if count > 1:
+                raise TestfieldError(f"{count} of them are called '{name}'", f"{source}, {label}", "give each its own name")
+
+
+def _codes_exist_and_differ(scene: SceneFile, world: World, source: str) -> None:
+    last = len(code_words(scene.code_bits))
+    owners: dict[int, str] = {}
+    for code, panel in zip(world.marks.code, world.marks.panel, strict=True):
+        if code == 0:
+            continue
+        owner = world.panels.name[panel]
+        if code > last:
+            raise TestfieldError(
+                f"code number {code} does not exist", f"{source}, {owner}", f"{scene.code_bits}-bit codes are numbered 1 to {last}"
+            )
+        if code in owners:
+            raise TestfieldError(f"code number {code} is used twice", f"{source}, {owners[code]} and {owner}", "choose another number")
+        owners[int(code)] = owner
+
+
+def _marks_fit(scene: SceneFile, world: World, source: str) -> None:
+    marks = world.marks
+    printed = marks.diameter_mm / 2 * np.where(marks.code > 0, RING_OUTER, 1.0)
+    quiet = marks.diameter_mm / 2 * np.where(marks.code > 0, QUIET, 1.2)
+    for k in np.unique(marks.panel):
+        here = np.flatnonzero(marks.panel == k)
+        over = np.abs(marks.xy_mm[here]) + printed[here, None] > world.panels.size_mm[k] / 2
+        if over.any():
+            at = marks.xy_mm[here[np.argmax(over.any(axis=1))]]
+            raise TestfieldError(
+                f"a mark at ({at[0]:.1f}, {at[1]:.1f}) mm reaches over the edge", f"{source}, {world.panels.name[k]}",
+                "enlarge size_mm, or move or shrink the zone",
+            )  # fmt: skip
+        gap = np.linalg.norm(marks.xy_mm[here, None] - marks.xy_mm[None, here], axis=-1)
+        need = np.maximum(quiet[here, None] + printed[None, here], printed[here, None] + quiet[None, here])
+        np.fill_diagonal(gap, np.inf)
+        if (gap < need).any():
+            i, j = np.argwhere(gap < need)[0]
+            a, b = marks.xy_mm[here[i]], marks.xy_mm[here[j]]
+            raise TestfieldError(
+                f"marks at ({a[0]:.1f}, {a[1]:.1f}) and ({b[0]:.1f}, {b[1]:.1f}) mm are too close", f"{source}, {world.panels.name[k]}",
+                "leave each coded target its quiet zone of 3.9 dot radii",
+            )  # fmt: skip
+
+
+def _stations_stand_free(world: World, source: str) -> None:
+    eyes = world.camera_from_world.origin_mm
+    pairs = {name.removesuffix(" (back)"): k for k, name in enumerate(world.panels.name) if name.endswith(" (back)")}
+    for k, name in enumerate(world.panels.name):
+        if name.endswith(" (back)"):
+            continue
+        local = (eyes - world.panels.world_from_panel.t_mm[k]) @ world.panels.world_from_panel.R[k]
+        over = np.all(np.abs(local[:, :2]) <= world.panels.size_mm[k] / 2, axis=1)
+        if name in pairs:  # a board or a card: the body between front and back
+            back = world.panels.world_from_panel.t_mm[pairs[name]] - world.panels.world_from_panel.t_mm[k]
+            within = over & (local[:, 2] < 50) & (local[:, 2] > -np.linalg.norm(back) - 50)
+        else:  # a wall: everything behind the side that is seen
+            within = over & (local[:, 2] < 50)
+        if within.any():
+            s = int(np.argmax(within))
+            where = ", ".join(f"{v:.0f}" for v in eyes[s])
+            raise TestfieldError(
+                f"the camera at ({where}) mm is inside or behind '{name}'", f"{source}, station '{world.station_name[s]}'",
+                "move position_mm to the side that is seen",
+            )  # fmt: skip
+
+
+def _stations_see(world: World, views: Views, source: str) -> None:
+    blind = ~(views.visible == 1).any(axis=1)
+    if blind.any():
+        name = world.station_name[int(np.argmax(blind))]
+        raise TestfieldError("this station sees no target", f"{source}, station '{name}'", "turn it (look_at_mm) or move it")
+
+
+def _sizes(world: World, views: Views, source: str) -> list[str]:
+    coded = world.marks.code > 0
+    usable = (views.visible == 1) & (views.obliquity_deg < FACES_DEG)
+    largest = np.where(usable, views.diameter_px, 0).max(axis=0)
+    warnings = []
+    never = np.flatnonzero(largest == 0)
+    if len(never):
+        warnings.append(f"{source}: {len(never)} of {len(coded)} marks are fully seen by no station")
+    small = np.flatnonzero(coded & (largest > 0) & (largest < DECODABLE_PX))
+    if len(small):
+        k = small[np.argmin(largest[small])]
+        warnings.append(
+            f"{source}: {len(small)} coded targets are too small to decode; code {world.marks.code[k]} on "
+            f"'{world.panels.name[world.marks.panel[k]]}' is {largest[k]:.1f} px wide at best and needs {DECODABLE_PX:.0f}"
+        )
+    return warnings
+
+
+def _joined(world: World, views: Views, source: str) -> list[str]:
+    boards = len(world.field.boards)
+    usable = (views.visible == 1) & (world.marks.code > 0)
+    sees = np.array([(usable & (world.marks.board == b)).sum(axis=1) >= 4 for b in range(boards)])
+    reached, frontier = {0}, [0]
+    while frontier:
+        shared = sees[:, sees[frontier.pop()]].any(axis=1)
+        fresh = set(np.flatnonzero(shared)) - reached
+        reached |= fresh
+        frontier += fresh
+    apart = [world.field.boards[b].name for b in range(boards) if b not in reached]
+    return [f"{source}: no chain of images joins {', '.join(apart)} to '{world.field.boards[0].name}'"] if apart else []
+
+
+def _lit(scene: SceneFile, source: str) -> list[str]:
+    if not scene.room.lights and scene.room.ambient_w_m2_sr == 0:
+        raise TestfieldError("the scene has no light", f"{source}, room", "add room.lights or ambient_w_m2_sr")
+    return []

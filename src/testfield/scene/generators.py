@@ -1,0 +1,113 @@
+"""Stations and check targets from their generators."""
+
+import numpy as np
+
+from testfield.errors import TestfieldError
+from testfield.scene.frames import camera_looking, unit
+from testfield.scene.schema import (
+    CheckGrid,
+    CheckOnBoard,
+    CheckPart,
+    CheckRandom,
+    StationArc,
+    StationGrid,
+    StationPart,
+    StationRandom,
+    StationSingle,
+)
+from testfield.seeds import generator
+
+
+def stations(parts: tuple[StationPart, ...], seed: int) -> tuple[list[str], np.ndarray, np.ndarray]:
+    """Names, rotations (n, 3, 3) and translations (n, 3) of camera-from-world poses."""
+    names: list[str] = []
+    rotations, translations = [], []
+    for number, part in enumerate(parts):
+        for k, position in enumerate(_station_positions(part, number, seed)):
+            name = part.name if isinstance(part, StationSingle) and part.name else f"station{len(names) + 1:02d}"
+            if name in names:
+                raise TestfieldError(f"two stations are called '{name}'", f"stations[{number}].name", "rename one")
+            try:
+                R, t = camera_looking(position, np.array(part.look_at_mm), np.radians(part.roll_deg[k % len(part.roll_deg)]))
+            except ValueError as error:
+                raise TestfieldError(str(error), f"stations[{number}]", "move position_mm or look_at_mm") from error
+            names.append(name)
+            rotations.append(R)
+            translations.append(t)
+    return names, np.array(rotations), np.array(translations)
+
+
+def _station_positions(part: StationPart, number: int, seed: int) -> np.ndarray:
+    if isinstance(part, StationSingle):
+        return np.array([part.position_mm])
+    if isinstance(part, StationArc):
+        azimuth = np.radians(np.linspace(*part.azimuth_deg, part.count) if part.count > 1 else [np.mean(part.azimuth_deg)])
+        x = part.look_at_mm[0] + part.radius_mm * np.sin(azimuth)
+        y = part.look_at_mm[1] - part.radius_mm * np.cos(azimuth)
+        return np.column_stack([x, y, np.full(part.count, part.height_mm)])
+    if isinstance(part, StationGrid):
+        return lattice(part.counts, part.low_mm, part.high_mm)
+    if isinstance(part, StationRandom):
+        rng = generator(seed, f"stations/{number}/{part.seed}")
+        return rng.uniform(part.low_mm, part.high_mm, (part.count, 3))
+    axis = unit(np.array(part.axis))
+    helper = np.array([0, 0, 1.0]) if abs(axis[2]) < 0.9 else np.array([1.0, 0, 0])
+    first = unit(np.cross(helper, axis))
+    angle = 2 * np.pi * np.arange(part.count)[:, None] / part.count
+    return np.array(part.centre_mm) + part.radius_mm * (np.cos(angle) * first + np.sin(angle) * np.cross(axis, first))
+
+
+def lattice(counts: tuple, low: tuple, high: tuple) -> np.ndarray:
+    """(n, 3) points of a regular lattice, x fastest; a single point along an axis lies in the middle."""
+    axes = [np.linspace(a, b, n) if n > 1 else np.array([(a + b) / 2]) for n, a, b in zip(counts, low, high, strict=True)]
+    z, y, x = np.meshgrid(axes[2], axes[1], axes[0], indexing="ij")
+    return np.column_stack([x.ravel(), y.ravel(), z.ravel()])
+
+
+def check_cards(
+    parts: tuple[CheckPart, ...], seed: int, clear_of: list[tuple[np.ndarray, float]]
+) -> list[tuple[int, np.ndarray, np.ndarray, float]]:
+    """Check targets on cards of their own: code, position (3,), unit normal (3,), diameter.
+
+    `clear_of` are spheres (centre, radius) that random targets keep out of.
+    """
+    cards: list[tuple[int, np.ndarray, np.ndarray, float]] = []
+    for number, part in enumerate(parts):
+        if isinstance(part, CheckOnBoard):
+            continue
+        if isinstance(part, CheckRandom):
+            positions, normals = _random_places(part, number, seed, clear_of)
+        elif isinstance(part, CheckGrid):
+            positions = lattice(part.counts, part.low_mm, part.high_mm)
+            normals = np.broadcast_to(unit(np.array(part.normal)), positions.shape)
+        else:
+            positions, normals = np.array([part.position_mm]), unit(np.array(part.normal))[None]
+        first = part.first_code if isinstance(part, (CheckGrid, CheckRandom)) else part.code
+        cards += [(first + k, p, n, part.diameter_mm) for k, (p, n) in enumerate(zip(positions, normals, strict=True))]
+    return cards
+
+
+def _random_places(
+    part: CheckRandom, number: int, seed: int, clear_of: list[tuple[np.ndarray, float]]
+) -> tuple[np.ndarray, np.ndarray]:
+    rng = generator(seed, f"check_targets/{number}/{part.seed}")
+    places: list[np.ndarray] = []
+    for _ in range(2000 * part.count):
+        place = rng.uniform(part.low_mm, part.high_mm)
+        apart = all(np.linalg.norm(place - other) >= part.spacing_mm for other in places)
+        if apart and all(np.linalg.norm(place - centre) > radius for centre, radius in clear_of):
+            places.append(place)
+            if len(places) == part.count:
+                break
+    else:
+        raise TestfieldError(
+            f"only {len(places)} of {part.count} targets find a place", f"check_targets[{number}]",
+            "enlarge the box, or lower count or spacing_mm",
+        )  # fmt: skip
+    mean = unit(np.array(part.normal))
+    helper = np.array([0, 0, 1.0]) if abs(mean[2]) < 0.9 else np.array([1.0, 0, 0])
+    first = unit(np.cross(helper, mean))
+    tilt = np.arccos(rng.uniform(np.cos(np.radians(part.spread_deg)), 1, part.count))[:, None]
+    turn = rng.uniform(0, 2 * np.pi, part.count)[:, None]
+    aside = np.cos(turn) * first + np.sin(turn) * np.cross(mean, first)
+    return np.array(places), np.cos(tilt) * mean + np.sin(tilt) * aside

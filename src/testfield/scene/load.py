@@ -1,0 +1,106 @@
+"""Read a scene file. Every complaint names the file, the field and the value."""
+
+import difflib
+import json
+import tomllib
+from pathlib import Path
+from typing import Any, get_args
+
+from pydantic import BaseModel, ValidationError
+
+from testfield.errors import TestfieldError
+from testfield.scene.schema import SceneFile
+
+UNITS = ("mm", "um", "px", "deg", "ms", "dn", "e", "ppm", "m", "cm", "rad", "s", "nm")
+
+
+def load_scene(path: Path) -> SceneFile:
+    """The scene in a TOML file.
+
+    Raises `TestfieldError` where the file is missing, is not TOML, or a field is unknown, absent or out of range.
+    """
+    try:
+        text = path.read_bytes().decode()
+    except FileNotFoundError as error:
+        raise TestfieldError("no such scene file", str(path), "check the path; `testfield schema` describes one") from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise TestfieldError(f"cannot be read ({error})", str(path)) from error
+    return parse_scene(text, str(path))
+
+
+def parse_scene(text: str, source: str) -> SceneFile:
+    """The scene in a TOML text; `source` is what messages call it."""
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise TestfieldError(f"not valid TOML ({error})", source) from error
+    # The kind of a listed station or target need not be said when it is a single one.
+    for name in ("stations", "check_targets"):
+        for item in data.get(name, []) if isinstance(data.get(name), list) else []:
+            if isinstance(item, dict):
+                item.setdefault("generator", "single")
+    try:
+        return SceneFile.model_validate(data)
+    except ValidationError as error:
+        raise _speak(error, source) from error
+
+
+def scene_schema() -> dict[str, Any]:
+    """The JSON Schema of scene files, for editors."""
+    schema = SceneFile.model_json_schema()
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "testfield scene", **schema}
+
+
+def _speak(error: ValidationError, source: str) -> TestfieldError:
+    first, *rest = error.errors()
+    place = _place(first["loc"])
+    value = json.dumps(first["input"], default=str)
+    value = value if len(value) <= 60 else value[:57] + "..."
+    more = f" (and {len(rest)} more)" if rest else ""
+    if first["type"] == "extra_forbidden":
+        known = _known_fields(first["loc"])
+        name = str(first["loc"][-1])
+        return TestfieldError(f"unknown field (value {value}){more}", f"{source}, {place}", _advice(name, known))
+    if first["type"] == "missing":
+        return TestfieldError(f"this field is required{more}", f"{source}, {place}", "add it")
+    message = first["msg"][0].lower() + first["msg"][1:]
+    return TestfieldError(f"value {value}: {message}{more}", f"{source}, {place}", "see `testfield schema`")
+
+
+def _place(location: tuple) -> str:
+    """`boards[2].size_mm` from pydantic's location, without the union's branch names."""
+    text = ""
+    for key, before in zip(location, (None, *location), strict=False):
+        if isinstance(key, int):
+            text += f"[{key}]"
+        elif not (isinstance(before, int) and key in ("single", "arc", "ring", "grid", "random", "on_board")):
+            text += f".{key}" if text else str(key)
+    return text
+
+
+def _known_fields(location: tuple) -> list[str]:
+    """Names that are allowed where an unknown field stands."""
+    models: list[type[BaseModel]] = [SceneFile]
+    for key in location[:-1]:
+        if isinstance(key, int):
+            continue
+        inside = [_models(m.model_fields[key].annotation) for m in models if key in m.model_fields]
+        found = [m for part in inside for m in part]
+        models = found or [m for m in models if key in str(m.model_fields.get("generator", ""))] or models
+    return sorted({name for model in models for name in model.model_fields})
+
+
+def _models(annotation: Any) -> list[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [model for part in get_args(annotation) for model in _models(part)]
+
+
+def _advice(name: str, known: list[str]) -> str:
+    stem, _, unit = name.rpartition("_")
+    if unit in UNITS:
+        same = [other for other in known if other.rpartition("_")[0] == stem]
+        if same:
+            return f"give it in the unit of '{same[0]}'"
+    near = difflib.get_close_matches(name, known, n=1)
+    return f"did you mean '{near[0]}'?" if near else f"known here: {', '.join(known)}"

@@ -1,0 +1,288 @@
+"""The scene file: every field a person can write, with its unit, its default and what it means."""
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, PositiveInt
+
+Vector3 = tuple[float, float, float]
+Pair = tuple[float, float]
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class VolumePart(_Part):
+    """The measuring volume."""
+
+    size_mm: Vector3 = Field((4000, 3000, 2000), description="Edges of the volume; its diagonal scales relative accuracy.")
+
+
+class CameraPart(_Part):
+    """The camera body and its lens, as they truly are. The measuring side is told only the image size."""
+
+    width_px: int = Field(2448, ge=64, le=20000, description="Image width.")
+    height_px: int = Field(2048, ge=64, le=20000, description="Image height.")
+    pixel_pitch_um: float = Field(3.45, gt=0.5, lt=50, description="Distance of neighbouring pixels.")
+    focal_length_mm: float = Field(12.0, gt=1, lt=2000, description="Principal distance.")
+    aspect: float = Field(1.0, gt=0.5, lt=2, description="fy / fx.")
+    principal_point_offset_px: Pair = Field((0, 0), description="Principal point minus the image's middle, x and y.")
+    k1: float = Field(0, description="Brown's radial distortion, OpenCV's normalised convention.")
+    k2: float = Field(0, description="Second radial coefficient.")
+    k3: float = Field(0, description="Third radial coefficient.")
+    p1: float = Field(0, description="First decentring coefficient.")
+    p2: float = Field(0, description="Second decentring coefficient.")
+    f_number: PositiveFloat = Field(8.0, description="Aperture; sets how much light reaches the sensor.")
+    psf_sigma_px: float = Field(0.6, ge=0, le=5, description="Optics' blur: sigma of a Gaussian point spread, before the pixel's own area.")
+
+
+class SensorPart(_Part):
+    """The sensor, with the figures of an EMVA 1288 data sheet. The defaults are of a global-shutter CMOS of 3.45 um."""
+
+    bits: int = Field(12, ge=8, le=16, description="Bits of the converter; stored in 16-bit PNG.")
+    quantum_efficiency: float = Field(0.63, gt=0, le=1, description="Electrons a photon at the wavelength.")
+    full_well_e: PositiveFloat = Field(10400, description="Electrons at which a pixel saturates.")
+    read_noise_e: float = Field(2.3, ge=0, description="Temporal dark noise, rms.")
+    gain_e_per_dn: PositiveFloat = Field(2.6, description="Electrons a digital number.")
+    black_level_dn: float = Field(64, ge=0, description="Offset added before quantisation.")
+    wavelength_nm: float = Field(550, gt=300, lt=1100, description="Wavelength at which photons are counted.")
+
+
+class ExposurePart(_Part):
+    """How long light is gathered."""
+
+    time_ms: PositiveFloat = Field(20.0, description="Exposure time.")
+
+
+class ExtensionZone(_Part):
+    """A grid of plain circular dots."""
+
+    columns: PositiveInt = Field(10, description="Dots in x.")
+    rows: PositiveInt = Field(9, description="Dots in y.")
+    pitch_mm: PositiveFloat = Field(75, description="Distance of neighbouring dots.")
+    diameter_mm: PositiveFloat = Field(20, description="Diameter of each dot.")
+    centre_mm: Pair = Field((0, 0), description="Middle of the grid on the board, x right and y up from the board's middle.")
+
+
+class RecognitionZone(_Part):
+    """A grid of ring-coded targets with consecutive numbers, or those listed."""
+
+    columns: PositiveInt = Field(3, description="Targets in x.")
+    rows: PositiveInt = Field(4, description="Targets in y.")
+    pitch_mm: PositiveFloat = Field(150, description="Distance of neighbouring targets.")
+    diameter_mm: PositiveFloat = Field(20, description="Diameter of the central dot; the ring reaches three times as far.")
+    centre_mm: Pair = Field((0, 0), description="Middle of the grid on the board.")
+    first_code: PositiveInt | None = Field(None, description="Number of the first target; the rest follow row by row from the top left.")
+    codes: tuple[PositiveInt, ...] | None = Field(None, description="Numbers one by one instead of first_code.")
+
+
+class BoardPart(_Part):
+    """A flat sub-board with its two zones."""
+
+    name: str = Field(min_length=1, description="Unique name.")
+    size_mm: Pair = Field((1100, 800), description="Width and height.")
+    thickness_mm: PositiveFloat = Field(10, description="The back lies this far behind the front.")
+    position_mm: Vector3 = Field(description="Where the middle of the front is.")
+    normal: Vector3 = Field((0, -1, 0), description="Direction the front faces; any length.")
+    spin_deg: float = Field(0, description="Rotation about the normal, counter-clockwise seen from the front.")
+    extension_zone: ExtensionZone = Field(ExtensionZone(), description="The plain dots.")
+    recognition_zone: RecognitionZone = Field(RecognitionZone(first_code=1), description="The coded targets.")
+    print_sigma_mm: float = Field(0.01, ge=0, le=10, description="Standard deviation of each mark's true x and y about the nominal.")
+
+
+class ScaleBarPart(_Part):
+    """A bar with a ring-coded target at either end."""
+
+    name: str = Field(min_length=1, description="Unique name.")
+    role: Literal["control", "check"] = Field(description="control: its length enters the calibration; check: it only tests it.")
+    length_mm: float = Field(gt=10, description="Certified distance between the two targets' centres.")
+    u_length_mm: float = Field(0.005, ge=0, description="Standard uncertainty of the certified length; the true length differs by a draw from it.")
+    codes: tuple[PositiveInt, PositiveInt] = Field(description="Numbers of the two targets.")
+    diameter_mm: PositiveFloat = Field(20, description="Diameter of the targets' central dots.")
+    position_mm: Vector3 = Field(description="Where the middle of the bar is.")
+    direction: Vector3 = Field((1, 0, 0), description="From the first target to the second; any length.")
+    normal: Vector3 = Field((0, -1, 0), description="Direction the targets face; made square to `direction`.")
+
+
+class CheckSingle(_Part):
+    """One check target on a card of its own."""
+
+    generator: Literal["single"] = "single"
+    code: PositiveInt = Field(description="Its number.")
+    position_mm: Vector3 = Field(description="Where its centre is.")
+    normal: Vector3 = Field((0, -1, 0), description="Direction it faces.")
+    diameter_mm: PositiveFloat = Field(20, description="Diameter of the central dot.")
+
+
+class CheckOnBoard(_Part):
+    """One check target stuck on a board; the board's sheet does not list it."""
+
+    generator: Literal["on_board"]
+    board: str = Field(description="The board's name.")
+    code: PositiveInt = Field(description="Its number.")
+    xy_mm: Pair = Field(description="Where it is on the board, from the board's middle.")
+    diameter_mm: PositiveFloat = Field(20, description="Diameter of the central dot.")
+
+
+class CheckGrid(_Part):
+    """Check targets on a regular lattice in the volume."""
+
+    generator: Literal["grid"]
+    first_code: PositiveInt = Field(description="Number of the first; the rest follow, x fastest, then y, then z.")
+    counts: tuple[PositiveInt, PositiveInt, PositiveInt] = Field(description="How many along x, y and z.")
+    low_mm: Vector3 = Field(description="Corner of the lattice.")
+    high_mm: Vector3 = Field(description="Opposite corner.")
+    normal: Vector3 = Field((0, -1, 0), description="Direction all face.")
+    diameter_mm: PositiveFloat = Field(20, description="Diameter of the central dots.")
+
+
+class CheckRandom(_Part):
+    """Check targets at random places of a box, apart from each other and clear of the boards."""
+
+    generator: Literal["random"]
+    first_code: PositiveInt = Field(description="Number of the first.")
+    count: PositiveInt = Field(description="How many.")
+    low_mm: Vector3 = Field(description="Corner of the box.")
+    high_mm: Vector3 = Field(description="Opposite corner.")
+    normal: Vector3 = Field((0, -1, 0), description="Mean direction they face.")
+    spread_deg: float = Field(25, ge=0, lt=90, description="Each faces within this angle of the mean direction.")
+    spacing_mm: float = Field(200, ge=0, description="Least distance between any two.")
+    diameter_mm: PositiveFloat = Field(20, description="Diameter of the central dots.")
+    seed: int = Field(0, ge=0, description="Another seed gives another arrangement.")
+
+
+CheckPart = Annotated[CheckSingle | CheckOnBoard | CheckGrid | CheckRandom, Field(discriminator="generator")]
+
+
+class _Aimed(_Part):
+    look_at_mm: Vector3 = Field((0, 0, 1500), description="Point the optical axis goes through.")
+    roll_deg: tuple[float, ...] = Field((0,), description="Rotation about the optical axis, taken in turn by the stations.")
+
+
+class StationSingle(_Aimed):
+    """One station."""
+
+    generator: Literal["single"] = "single"
+    name: str | None = Field(None, description="Name of the station; numbered where absent.")
+    position_mm: Vector3 = Field(description="Projection centre.")
+
+
+class StationArc(_Aimed):
+    """Stations on a horizontal arc around `look_at_mm`; azimuth 0 looks along +y, positive to the right of it."""
+
+    generator: Literal["arc"]
+    count: PositiveInt = Field(description="How many.")
+    radius_mm: PositiveFloat = Field(description="Horizontal distance from look_at_mm.")
+    height_mm: float = Field(description="z of all of them.")
+    azimuth_deg: Pair = Field((-45, 45), description="First and last azimuth.")
+
+
+class StationRing(_Aimed):
+    """Stations on a full circle around `look_at_mm` in a plane square to `axis`."""
+
+    generator: Literal["ring"]
+    count: PositiveInt = Field(description="How many.")
+    radius_mm: PositiveFloat = Field(description="Radius of the circle.")
+    centre_mm: Vector3 = Field(description="Middle of the circle.")
+    axis: Vector3 = Field((0, 1, 0), description="Direction square to the circle.")
+
+
+class StationGrid(_Aimed):
+    """Stations on a regular lattice."""
+
+    generator: Literal["grid"]
+    counts: tuple[PositiveInt, PositiveInt, PositiveInt] = Field(description="How many along x, y and z.")
+    low_mm: Vector3 = Field(description="Corner of the lattice.")
+    high_mm: Vector3 = Field(description="Opposite corner.")
+
+
+class StationRandom(_Aimed):
+    """Stations at random places of a box."""
+
+    generator: Literal["random"]
+    count: PositiveInt = Field(description="How many.")
+    low_mm: Vector3 = Field(description="Corner of the box.")
+    high_mm: Vector3 = Field(description="Opposite corner.")
+    seed: int = Field(0, ge=0, description="Another seed gives another arrangement.")
+
+
+StationPart = Annotated[
+    StationSingle | StationArc | StationRing | StationGrid | StationRandom, Field(discriminator="generator")
+]
+
+
+class SurfacePart(_Part):
+    """A flat surface of the room: floor, wall, screen."""
+
+    name: str = Field(min_length=1, description="Unique name.")
+    size_mm: Pair = Field(description="Width and height.")
+    position_mm: Vector3 = Field(description="Where its middle is.")
+    normal: Vector3 = Field(description="Direction of the side that is seen.")
+    albedo: float = Field(0.5, ge=0, le=0.95, description="Diffuse reflectance.")
+
+
+class LightPart(_Part):
+    """A soft rectangular light."""
+
+    size_mm: Pair = Field(description="Width and height.")
+    position_mm: Vector3 = Field(description="Where its middle is.")
+    normal: Vector3 = Field((0, 0, -1), description="Direction it shines.")
+    radiance_w_m2_sr: PositiveFloat = Field(description="Radiance of its surface.")
+
+
+class RoomPart(_Part):
+    """What stands around the field, and the light."""
+
+    surfaces: tuple[SurfacePart, ...] = Field((), description="Floor, walls and other plain surfaces.")
+    lights: tuple[LightPart, ...] = Field((), description="Area lights.")
+    ambient_w_m2_sr: float = Field(0.5, ge=0, description="Radiance that comes from every direction no surface hides.")
+
+
+class PaintPart(_Part):
+    """Reflectance of boards, cards and bars."""
+
+    white: float = Field(0.85, gt=0, le=0.95, description="Diffuse reflectance of white.")
+    black: float = Field(0.04, ge=0, le=0.95, description="Diffuse reflectance of black.")
+    back: float = Field(0.4, ge=0, le=0.95, description="Diffuse reflectance of the backs.")
+    white_on_black: bool = Field(True, description="White marks on black ground; false for the reverse.")
+
+
+class RenderPart(_Part):
+    """How images are computed."""
+
+    mode: Literal["fast", "path"] = Field("fast", description="fast: exact edges under known light; path: plain path tracing, the reference.")
+    cells: int = Field(3, ge=1, le=16, description="fast: cells along each side of a pixel.")
+    light_spacing_mm: PositiveFloat = Field(60, description="fast: distance of the points at which light is computed.")
+    light_paths: int = Field(2048, ge=16, description="fast: paths for each of these points.")
+    samples: int = Field(64, ge=1, description="path: samples a pixel.")
+
+
+class MeasurePart(_Part):
+    """Which algorithms measure the images; `testfield list` shows their names."""
+
+    centroid: str = Field("ellipse_model", description="Centroid estimator.")
+    calibrator: str = Field("stitched", description="Calibration method.")
+    reconstructor: str = Field("gls", description="Reconstruction method.")
+    smallest_diameter_px: float = Field(5.0, ge=3, description="Smaller dots are not looked for.")
+
+
+class SceneFile(_Part):
+    """A scene: the field as it truly is, the camera that sees it, and how it is measured."""
+
+    name: str = Field(min_length=1, pattern=r"^[A-Za-z0-9_.-]+$", description="Name of the scene, also of its run's folder.")
+    description: str = Field("", description="One sentence for the report.")
+    seed: int = Field(1, ge=0, description="Seed of everything random.")
+    code_bits: Literal[8, 10, 12, 14, 16, 20] = Field(14, description="Segments of every ring code.")
+    volume: VolumePart = VolumePart()
+    camera: CameraPart = CameraPart()
+    sensor: SensorPart = SensorPart()
+    exposure: ExposurePart = ExposurePart()
+    paint: PaintPart = PaintPart()
+    room: RoomPart = RoomPart()
+    boards: tuple[BoardPart, ...] = Field(min_length=1, description="Sub-boards; the first defines the measuring frame.")
+    u_print_scale_ppm: float = Field(20, ge=0, le=10000, description="Standard uncertainty of the scale all boards share (printing, temperature); the true scale differs by a draw from it.")
+    scale_bars: tuple[ScaleBarPart, ...] = Field((), description="Scale bars.")
+    check_targets: tuple[CheckPart, ...] = Field((), description="Targets whose true positions only scoring knows.")
+    stations: tuple[StationPart, ...] = Field(min_length=1, description="Where the camera is, one by one or by generators.")
+    render: RenderPart = RenderPart()
+    measure: MeasurePart = MeasurePart()

@@ -1,0 +1,79 @@
+"""What each station truly sees of each mark: where, how large, how oblique, and how much of it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from testfield.camera.circle import disc_image
+from testfield.camera.project import project
+from testfield.scene.world import Panels, World
+from testfield.targets.marks import RING_OUTER
+
+RIM_POINTS = 12
+EDGE_MARGIN_PX = 2.0
+
+
+@dataclass(frozen=True)
+class Views:
+    """Truth of every mark in every station, in arrays (stations, marks).
+
+    `centre_px` (.., 2) projection of the mark's centre; `disc_px` (.., 2) centre of area of the dot's image, which is
+    what a detector sees; `diameter_px` of the circle of equal area; `obliquity_deg` angle between the mark's normal
+    and the line of sight; `visible` fraction, from 0 to 1, of the printed area's rim and centre that is in the image,
+    faces the camera and has nothing before it.
+    """
+
+    centre_px: np.ndarray
+    disc_px: np.ndarray
+    diameter_px: np.ndarray
+    obliquity_deg: np.ndarray
+    visible: np.ndarray
+
+
+def see(world: World) -> Views:
+    """The truth of all stations of a world."""
+    marks = world.marks
+    centre, normal = world.mark_world_mm, world.mark_normal
+    stations, n = len(world.camera_from_world), len(marks)
+    eyes = world.camera_from_world.origin_mm
+    shape = (stations, n)
+    views = Views(*(np.full((*shape, 2), np.nan) for _ in range(2)), *(np.full(shape, np.nan) for _ in range(2)), np.zeros(shape))
+    extent = marks.diameter_mm / 2 * np.where(marks.code > 0, RING_OUTER, 1.0)
+    R = world.panels.world_from_panel.R[marks.panel]
+    angle = 2 * np.pi * np.arange(RIM_POINTS) / RIM_POINTS
+    circle = np.vstack([[0, 0], np.column_stack([np.cos(angle), np.sin(angle)])])
+    rim = centre[:, None, :] + extent[:, None, None] * np.einsum("mij,kj->mki", R[:, :, :2], circle)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        for s in range(stations):
+            pose = world.camera_from_world[np.full(n, s)]
+            image = disc_image(world.interior, pose, centre, normal, marks.diameter_mm / 2)
+            views.centre_px[s] = project(world.interior, pose, centre)
+            views.disc_px[s], views.diameter_px[s] = image.centroid_px, image.diameter_px
+            sight = eyes[s] - centre
+            cosine = np.einsum("mi,mi->m", sight, normal) / np.linalg.norm(sight, axis=1)
+            views.obliquity_deg[s] = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
+            pose = world.camera_from_world[np.full(rim.shape[0] * rim.shape[1], s)]
+            uv = project(world.interior, pose, rim.reshape(-1, 3)).reshape(*rim.shape[:2], 2)
+            limit = np.array([world.interior.width_px, world.interior.height_px]) - 1 - EDGE_MARGIN_PX
+            inside = np.all((uv >= EDGE_MARGIN_PX) & (uv <= limit), axis=-1)
+            seen = inside & (cosine > 0)[:, None]
+            candidates = np.argwhere(seen)
+            points = rim[candidates[:, 0], candidates[:, 1]]
+            seen[candidates[:, 0], candidates[:, 1]] = ~hidden(eyes[s], points, world.panels, marks.panel[candidates[:, 0]])
+            views.visible[s] = seen.mean(axis=1)
+    return views
+
+
+def hidden(eye_mm: np.ndarray, points_mm: np.ndarray, panels: Panels, own_panel: np.ndarray) -> np.ndarray:
+    """(n,) whether a panel other than the point's own stands between the eye (3,) and each point (n, 3)."""
+    blocked = np.zeros(len(points_mm), bool)
+    ray = points_mm - eye_mm
+    for k in range(len(panels)):
+        R, t = panels.world_from_panel.R[k], panels.world_from_panel.t_mm[k]
+        start = (eye_mm - t) @ R
+        slope = ray @ R
+        along = -start[2] / np.where(slope[:, 2] == 0, np.inf, slope[:, 2])
+        at = start[:2] + along[:, None] * slope[:, :2]
+        within = np.all(np.abs(at) <= panels.size_mm[k] / 2, axis=1)
+        blocked |= within & (along > 0) & (along < 1 - 1e-9) & (own_panel != k)
+    return blocked

@@ -1,0 +1,1 @@
+"""Radiance to frame: the sensor after EMVA 1288."""
