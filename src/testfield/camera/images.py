@@ -34,6 +34,15 @@ class SensorSheet:
 
 
 @dataclass(frozen=True)
+class InvertedSheet(SensorSheet):
+    """The sheet of an image whose values were turned upside down, so that dark marks are bright."""
+
+    def variance_dn2(self, mean_dn: np.ndarray) -> np.ndarray:
+        """Variance of a pixel whose inverted value has the given mean."""
+        return super().variance_dn2(self.saturation_dn - mean_dn)
+
+
+@dataclass(frozen=True)
 class Frame:
     """A digital image: `pixels_dn` (h, w) uint16, from the `station` named, by the sensor of `sheet`."""
 

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-WINDOW = 1.6
-"""Pixels up to this many half-axes from the centre are used: the gap before a ring begins ends at 2."""
+WINDOW, RING_BEGINS, RING_CLEARANCE_PX = 1.6, 2.0, 1.8
+"""Pixels up to WINDOW half-axes from the centre are used, but none whose distance from a possible ring is so small
+that the ring's blurred edge would reach it."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,12 @@ def half_widths(moments_px2: np.ndarray) -> np.ndarray:
     need = np.ceil(WINDOW * largest + 1.5)
     step = np.maximum(2, 2.0 ** np.floor(np.log2(need) - 2))
     return (np.ceil(need / step) * step).astype(int)
+
+
+def usable(q: np.ndarray, dx: np.ndarray, dy: np.ndarray) -> np.ndarray:
+    """Which pixels a fit may use: `q` is the distance from the centre in half-axes, `dx`, `dy` the offset in px."""
+    px_per_q = np.hypot(dx, dy) / np.maximum(q, 1e-9)
+    return (q <= WINDOW) & (((RING_BEGINS - q) * px_per_q >= RING_CLEARANCE_PX) | (q <= 1.1))
 
 
 def windows(

@@ -3,7 +3,7 @@
 import numpy as np
 
 from testfield.camera.images import SensorSheet
-from testfield.detect.centre import WINDOW, Centres, half_widths, windows
+from testfield.detect.centre import Centres, half_widths, usable, windows
 from testfield.registry import register
 
 
@@ -16,7 +16,8 @@ def grey_centroid(image_dn: np.ndarray, sheet: SensorSheet, xy_px: np.ndarray, m
         dx, dy = x - xy_px[rows, :1], y - xy_px[rows, 1:]
         g = shape[rows]
         q2 = g[:, 0, :1] * dx * dx + 2 * g[:, 0, 1:] * dx * dy + g[:, 1, 1:] * dy * dy
-        use, inner, outer = q2 < WINDOW**2, q2 < 0.36, (q2 > 1.69) & (q2 < WINDOW**2)
+        use = usable(np.sqrt(q2), dx, dy)
+        inner, outer = use & (q2 < 0.36), use & (q2 > 1.44)
         black = (values * outer).sum(1) / np.maximum(outer.sum(1), 1)
         white = (values * inner).sum(1) / np.maximum(inner.sum(1), 1)
         weight = np.where(use, np.maximum(values - ((black + white) / 2)[:, None], 0), 0)

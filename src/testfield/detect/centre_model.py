@@ -9,10 +9,12 @@ import numpy as np
 from scipy.special import ndtr
 
 from testfield.camera.images import SensorSheet
-from testfield.detect.centre import WINDOW, Centres, half_widths, windows
+from testfield.detect.centre import Centres, half_widths, usable, windows
 from testfield.registry import register
 
-ITERATIONS = 12
+ITERATIONS = 14
+RESHAPE = (3, 6)
+"""Iterations at which the usable pixels are chosen again."""
 CX, CY, GXX, GXY, GYY, CONTRAST, BACKGROUND, SLOPE_X, SLOPE_Y, BLUR = range(10)
 
 
@@ -32,8 +34,8 @@ def _fit(values: np.ndarray, x: np.ndarray, y: np.ndarray, sheet: SensorSheet, x
     x, y = x - origin[:, :1], y - origin[:, 1:]
     dx, dy = x - (xy - origin)[:, :1], y - (xy - origin)[:, 1:]
     q = np.sqrt(_form(shape, dx, dy))
-    use = q <= WINDOW
-    inner, outer = use & (q < 0.6), use & (q > 1.3)
+    use = usable(q, dx, dy)
+    inner, outer = use & (q < 0.6), use & (q > 1.2)
     theta = np.zeros((n, 10))
     theta[:, [CX, CY]] = xy - origin
     theta[:, GXX], theta[:, GXY], theta[:, GYY] = shape[:, 0, 0], shape[:, 0, 1], shape[:, 1, 1]
@@ -46,6 +48,10 @@ def _fit(values: np.ndarray, x: np.ndarray, y: np.ndarray, sheet: SensorSheet, x
     good = np.isfinite(theta).all(axis=1) & (theta[:, CONTRAST] > 0)
     theta[~good] = np.array([0, 0, 0.1, 0, 0.1, 100, sheet.black_level_dn, 0, 0, 0.7])
     for k in range(ITERATIONS):
+        if k in RESHAPE:
+            # The rough blob may be too large by its blur; what the fit may use follows from the fit itself.
+            dx, dy = x - theta[:, [CX]], y - theta[:, [CY]]
+            use = usable(np.sqrt(np.maximum(_form(_shape(theta), dx, dy), 0)), dx, dy)
         model, jacobian = _model(theta, x, y)
         if k:  # the model's own value is a better guess of a pixel's mean than the noisy pixel
             weight = use / sheet.variance_dn2(model)
@@ -58,7 +64,7 @@ def _fit(values: np.ndarray, x: np.ndarray, y: np.ndarray, sheet: SensorSheet, x
         good &= positive & np.isfinite(theta).all(axis=1) & (np.abs(theta[:, :2]).max(axis=1) < x.max())
         theta[~good] = np.array([0, 0, 0.1, 0, 0.1, 100, sheet.black_level_dn, 0, 0, 0.7])
         converged = good & (np.abs(step[:, [CX, CY]]).max(axis=1) < 1e-4) & (limit == 1)
-        if np.all(converged | ~good):
+        if k > RESHAPE[-1] and np.all(converged | ~good):
             break
 
     model, jacobian = _model(theta, x, y)
@@ -68,15 +74,19 @@ def _fit(values: np.ndarray, x: np.ndarray, y: np.ndarray, sheet: SensorSheet, x
     covariance[good] = np.linalg.pinv(_scaled(normal[good])[0], hermitian=True)[:, :2, :2]
     scale = _scaled(normal)[1]
     covariance *= scale[:, :2, None] * scale[:, None, :2]
-    freedom = use.sum(axis=1) - 10
+    freedom = np.maximum(use.sum(axis=1) - 10, 1)
     chi2 = (weight * residual**2).sum(axis=1) / freedom
-    excess = (use * (residual**2 - sheet.variance_dn2(model))).sum(axis=1) / use.sum(axis=1)
+    excess = (use * (residual**2 - sheet.variance_dn2(model))).sum(axis=1) / np.maximum(use.sum(axis=1), 1)
     misfit = np.sqrt(np.maximum(excess, 0)) / theta[:, CONTRAST]
-    form = np.stack([np.stack([theta[:, GXX], theta[:, GXY]], -1), np.stack([theta[:, GXY], theta[:, GYY]], -1)], -2)
     return Centres(
-        theta[:, :2] + origin, covariance, np.linalg.inv(form) / 4, theta[:, CONTRAST], theta[:, BACKGROUND], chi2, misfit,
+        theta[:, :2] + origin, covariance, np.linalg.inv(_shape(theta)) / 4, theta[:, CONTRAST], theta[:, BACKGROUND], chi2, misfit,
         converged,
     )  # fmt: skip
+
+
+def _shape(theta: np.ndarray) -> np.ndarray:
+    """(n, 2, 2) matrices of the edges' quadratic forms."""
+    return theta[:, [GXX, GXY, GXY, GYY]].reshape(-1, 2, 2)
 
 
 def _form(shape: np.ndarray, dx: np.ndarray, dy: np.ndarray) -> np.ndarray:

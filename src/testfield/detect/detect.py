@@ -1,8 +1,10 @@
 """One frame to its observations: find, centre, decode, identify."""
 
+from dataclasses import astuple
+
 import numpy as np
 
-from testfield.camera.images import Frame, SensorSheet
+from testfield.camera.images import Frame, InvertedSheet, SensorSheet
 from testfield.detect.decode import decode
 from testfield.detect.find import find_blobs
 from testfield.detect.identify import identify
@@ -13,6 +15,9 @@ from testfield.targets.field import Field
 LARGEST_PX = 60.0
 WORST_MISFIT = 0.06
 """Rms residual beyond noise, as a fraction of the contrast, above which a blob is no dot."""
+DISTURBED = 0.015
+"""The same, above which a dot is partly hidden or touched by something, where noise cannot explain it."""
+SIGNIFICANT_CHI2 = 1.8
 LEAST_CONTRAST = 5.0
 """Contrast over noise below which nothing is measured."""
 
@@ -31,28 +36,30 @@ def detect(frame: Frame, field: Field, centroid: str, smallest_px: float) -> Obs
     status[~centres.ok] = "no ellipse fits"
     with np.errstate(invalid="ignore"):
         noise = np.sqrt(sheet.variance_dn2(centres.background_dn + centres.contrast_dn / 2))
-        saturated = centres.background_dn + centres.contrast_dn >= 0.98 * sheet.saturation_dn
+        level = centres.background_dn + (centres.contrast_dn if field.white_on_black else 0)
+        saturated = level >= 0.98 * sheet.saturation_dn
         diameter = 4 * np.maximum(np.linalg.det(centres.moments_px2), 0) ** 0.25
         for bad, why in (
             (centres.misfit > WORST_MISFIT, "not an ellipse"),
+            ((centres.misfit > DISTURBED) & (centres.chi2 > SIGNIFICANT_CHI2), "partly hidden or disturbed"),
             (centres.contrast_dn < LEAST_CONTRAST * noise, "too little contrast"),
             (saturated, "saturated"),
             (diameter < smallest_px, "too small"),
         ):
             status[(status == MEASURED) & bad] = why
 
-    code = np.full(n, -2)
+    code, affine = np.full(n, -2), np.full((n, 2, 2), np.nan)
     good = status == MEASURED
-    code[good] = decode(
+    code[good], affine[good] = decode(
         image, centres.xy_px[good], centres.moments_px2[good], centres.contrast_dn[good], centres.background_dn[good], field.bits
-    ).code
+    )
     status[good & (code == -2)] = "surroundings are not a target's"
     status[good & (code == -1)] = "ring cannot be read"
     _drop_ring_parts(centres.xy_px, centres.moments_px2, code, status)
 
     good = status == MEASURED
     board, point = np.full(n, -1), np.full(n, -1)
-    board[good], point[good], refused = identify(centres.xy_px[good], code[good], field)
+    board[good], point[good], refused = identify(centres.xy_px[good], code[good], affine[good], field)
     status[good] = np.where(refused == "", MEASURED, refused)
     xy_px = np.where(centres.ok[:, None], centres.xy_px, xy)
     return Observations(
@@ -66,7 +73,8 @@ def _bright_marks(frame: Frame, white_on_black: bool) -> tuple[np.ndarray, Senso
     image = frame.pixels_dn.astype(np.float32)
     if white_on_black:
         return image, frame.sheet
-    raise NotImplementedError
+    inverted = InvertedSheet(*astuple(frame.sheet))
+    return inverted.saturation_dn - image, inverted
 
 
 def _drop_ring_parts(xy: np.ndarray, moments: np.ndarray, code: np.ndarray, status: np.ndarray) -> None:

@@ -6,14 +6,20 @@ from scipy.spatial import cKDTree
 
 from testfield.targets.field import Field
 
-LEAST_CODES = 4
+LEAST_CODES = 2
 CODE_TOLERANCE_PX = 6.0
+ARM_MM = 20.0
+WELL_KNOWN = 12
+"""From this many marks on, their centres alone make the homography."""
 DOT_TOLERANCE = 0.3
 """Fraction of the local spacing of dots by which a dot may miss its predicted place."""
 
 
-def identify(xy_px: np.ndarray, code: np.ndarray, field: Field) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def identify(xy_px: np.ndarray, code: np.ndarray, affine: np.ndarray, field: Field) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Board (n,) and point (n,) index of each detection of one image, -1 for none, and the reason (n,) where refused.
+
+    `affine` (n, 2, 2) is each code's own map from its plane, in dot radii, to px: it lets two codes stand for a board
+    of which little is seen.
 
     A code that contradicts its board's layout, or that is read twice, is refused. From the board's codes a homography
     predicts the dots; it is extended outwards from what is already identified, so the lens' distortion, unknown here,
@@ -35,26 +41,46 @@ def identify(xy_px: np.ndarray, code: np.ndarray, field: Field) -> tuple[np.ndar
         if len(mine) < LEAST_CODES:
             continue
         index = np.array([place[int(c)] for c in code[mine]])
-        consistent = _consistent(sheet.marks.xy_mm[index], xy_px[mine])
+        spread = affine[mine] * (2 / sheet.marks.diameter_mm[index])[:, None, None]
+        consistent, homography = _carry(sheet.marks.xy_mm[index], xy_px[mine], spread)
         reason[mine[~consistent]] = "code contradicts its board's layout"
-        if consistent.sum() < LEAST_CODES:
+        if homography is None:
             continue
         board[mine[consistent]], point[mine[consistent]] = b, index[consistent]
         free = np.flatnonzero((code == 0) & (board == -1))
         dots = np.flatnonzero(sheet.marks.code == 0)
-        for detection, dot in _grow(sheet.marks.xy_mm, index[consistent], xy_px[mine[consistent]], dots, xy_px, free):
+        for detection, dot in _grow(sheet.marks.xy_mm, homography, index[consistent], xy_px[mine[consistent]], dots, xy_px, free):
             board[detection], point[detection] = b, dot
     return board, point, reason
 
 
-def _consistent(layout: np.ndarray, image: np.ndarray) -> np.ndarray:
-    """(n,) which codes one homography carries."""
-    _, mask = cv2.findHomography(layout.astype(np.float64), image.astype(np.float64), cv2.RANSAC, CODE_TOLERANCE_PX)
-    return np.zeros(len(layout), bool) if mask is None else mask.ravel().astype(bool)
+def _carry(layout: np.ndarray, image: np.ndarray, spread: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
+    """(n,) which codes one homography carries, and that homography (None where there are too few of them).
+
+    Each code counts with its centre and with two points beside it, where its own affine map (n, 2, 2) in px/mm puts
+    them: that steadies the few codes of a board that is mostly out of sight, and shows a false turn.
+    """
+    if len(layout) >= 4:
+        _, mask = cv2.findHomography(layout, image, cv2.RANSAC, CODE_TOLERANCE_PX)
+        keep = np.zeros(len(layout), bool) if mask is None else mask.ravel().astype(bool)
+    else:
+        keep = np.isfinite(spread).all(axis=(1, 2))
+    if keep.sum() < LEAST_CODES:
+        return keep, None
+    arm = np.array([[0, 0], [ARM_MM, 0], [0, ARM_MM]])
+    turned = keep & np.isfinite(spread).all(axis=(1, 2))
+    source = np.concatenate([layout[keep], (layout[turned][:, None] + arm[1:]).reshape(-1, 2)])
+    target = np.concatenate([image[keep], (image[turned][:, None] + np.einsum("nij,kj->nki", spread[turned], arm[1:])).reshape(-1, 2)])
+    model, mask = cv2.findHomography(source, target, cv2.RANSAC, CODE_TOLERANCE_PX)
+    if model is None or mask.ravel()[: keep.sum()].sum() < LEAST_CODES:
+        return keep & False, None
+    keep[np.flatnonzero(keep)] = mask.ravel()[: keep.sum()].astype(bool)
+    return keep, model
 
 
 def _grow(
-    layout: np.ndarray, known: np.ndarray, known_px: np.ndarray, dots: np.ndarray, xy_px: np.ndarray, free: np.ndarray
+    layout: np.ndarray, homography: np.ndarray, known: np.ndarray, known_px: np.ndarray,
+    dots: np.ndarray, xy_px: np.ndarray, free: np.ndarray,
 ) -> list[tuple[int, int]]:
     """Pairs (detection, dot): ring by ring outwards from the marks that are known."""
     pairs: list[tuple[int, int]] = []
@@ -65,9 +91,10 @@ def _grow(
     left, taken = dots.copy(), np.zeros(len(free), bool)
     reach = 2.5 * spacing
     while len(left):
-        homography, _ = cv2.findHomography(layout[known].astype(np.float64), known_px.astype(np.float64))
-        if homography is None:
-            break
+        if len(known) >= WELL_KNOWN:
+            homography, _ = cv2.findHomography(layout[known], known_px)
+            if homography is None:
+                break
         residual = known_px - _apply(homography, layout[known])
         near, neighbours = cKDTree(layout[known]).query(layout[left], k=min(4, len(known)))
         edge = near[:, 0] <= reach
