@@ -1,0 +1,1 @@
+"""The bundle: one weighted least-squares adjustment, with covariance."""

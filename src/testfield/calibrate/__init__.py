@@ -1,0 +1,1 @@
+"""Observations to a calibration: the camera, its stations and the boards."""

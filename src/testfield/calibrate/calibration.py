@@ -1,0 +1,78 @@
+"""The result of a calibration: the camera, its stations, the boards, and how well all of them are known."""
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from testfield.camera.interior import Interior
+from testfield.camera.pose import Poses
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """A calibrated camera in the frame of the first board.
+
+    `stations` camera-from-datum, `boards` datum-from-board poses with their names; `scale` of the boards against
+    their sheets; `covariance` (P, P) of the unknowns named in `labels` (interior in the model's units, rotations in
+    rad as small turns after the pose's rotation, translations in mm, scale). `sigma0` of the adjustment with
+    `freedom`; `reprojection_rms_px` over `used` observations; `rejected` rows (station, code, board, point, size of
+    the residual in standard deviations); `graph` edges (station, board, marks); `notes` for the reader.
+    """
+
+    method: str
+    interior: Interior
+    station_names: tuple[str, ...]
+    stations: Poses
+    board_names: tuple[str, ...]
+    boards: Poses
+    scale: float
+    covariance: np.ndarray
+    labels: tuple[str, ...]
+    sigma0: float
+    freedom: int
+    reprojection_rms_px: float
+    used: int
+    rejected: tuple[dict, ...] = ()
+    graph: tuple[tuple[str, str, int], ...] = ()
+    notes: tuple[str, ...] = ()
+
+    def index(self, names: list[str]) -> np.ndarray:
+        """Places of the named unknowns in the covariance."""
+        place = {label: k for k, label in enumerate(self.labels)}
+        return np.array([place[name] for name in names])
+
+    def station_unknowns(self, station: int) -> list[str]:
+        """Names of a station's six unknowns."""
+        return [f"{self.station_names[station]}.{axis}" for axis in ("rx", "ry", "rz", "tx", "ty", "tz")]
+
+    def save(self, path: Path) -> None:
+        """Write as JSON."""
+        data = asdict(self) | {
+            "interior": self.interior.to_json(),
+            "stations": _poses_json(self.stations),
+            "boards": _poses_json(self.boards),
+            "covariance": self.covariance.tolist(),
+        }
+        path.write_text(json.dumps(data))
+
+    @staticmethod
+    def load(path: Path) -> "Calibration":
+        """Read what `save` wrote."""
+        data = json.loads(path.read_text())
+        data["interior"] = Interior.from_json(data["interior"])
+        data["stations"], data["boards"] = (_poses(data[key]) for key in ("stations", "boards"))
+        data["covariance"] = np.array(data["covariance"])
+        for key in ("station_names", "board_names", "labels", "rejected", "notes"):
+            data[key] = tuple(data[key])
+        data["graph"] = tuple(tuple(edge) for edge in data["graph"])
+        return Calibration(**data)
+
+
+def _poses_json(poses: Poses) -> list[dict]:
+    return [{"R": R.tolist(), "t_mm": t.tolist()} for R, t in zip(poses.R, poses.t_mm, strict=True)]
+
+
+def _poses(data: list[dict]) -> Poses:
+    return Poses(np.array([p["R"] for p in data]).reshape(-1, 3, 3), np.array([p["t_mm"] for p in data]).reshape(-1, 3))

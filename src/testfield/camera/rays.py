@@ -1,0 +1,18 @@
+"""Where rays meet: the starting values of every reconstruction."""
+
+import numpy as np
+
+from testfield.camera.interior import Interior
+from testfield.camera.pose import Poses
+from testfield.camera.project import directions
+
+
+def meet(interior: Interior, poses: Poses, xy_px: np.ndarray) -> np.ndarray:
+    """The point (3,) nearest to k rays in the sense of least squares (METHODS section 1.2).
+
+    `poses` (k) camera-from-datum, `xy_px` (k, 2).
+    """
+    d = np.einsum("nji,nj->ni", poses.R, directions(interior, xy_px))
+    d /= np.linalg.norm(d, axis=1, keepdims=True)
+    projector = np.eye(3) - d[:, :, None] * d[:, None, :]
+    return np.linalg.solve(projector.sum(axis=0), np.einsum("nij,nj->i", projector, poses.origin_mm))
