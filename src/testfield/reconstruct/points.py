@@ -1,0 +1,76 @@
+"""Reconstructed points with their full covariance."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Points:
+    """n targets in the datum frame (that of the first board).
+
+    `code` (n,); `xyz_mm` (n, 3); `cov_xyz_mm2` (3n, 3n) over all points together, since they share cameras;
+    `rays` (n,) number of stations; `residual_rms_px` (n,); `rejected` (n,) rays turned down.
+    """
+
+    method: str
+    code: np.ndarray
+    xyz_mm: np.ndarray
+    cov_xyz_mm2: np.ndarray
+    rays: np.ndarray
+    residual_rms_px: np.ndarray
+    rejected: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.code)
+
+    def rows(self, codes: list[int]) -> np.ndarray:
+        """Places of codes among the points."""
+        place = {int(code): k for k, code in enumerate(self.code)}
+        return np.array([place[code] for code in codes], int)
+
+    def covariance_of(self, rows: np.ndarray) -> np.ndarray:
+        """(3k, 3k) joint covariance of some points."""
+        index = (3 * np.asarray(rows)[:, None] + np.arange(3)).ravel()
+        return self.cov_xyz_mm2[np.ix_(index, index)]
+
+    def distance(self, a: int, b: int) -> tuple[float, float]:
+        """Distance in mm of the points in rows a and b, and its standard uncertainty (METHODS section 1.6)."""
+        d = self.xyz_mm[a] - self.xyz_mm[b]
+        length = float(np.linalg.norm(d))
+        direction = np.concatenate([d, -d]) / length
+        return length, float(np.sqrt(direction @ self.covariance_of(np.array([a, b])) @ direction))
+
+    def save(self, path: Path) -> None:
+        """Write as Parquet, one row a point; `cov_rows` holds the point's three rows of the full covariance."""
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        n = len(self)
+        u = np.sqrt(np.diag(self.cov_xyz_mm2)).reshape(n, 3)
+        columns = {
+            "code": self.code,
+            **{f"{axis}_mm": self.xyz_mm[:, k] for k, axis in enumerate("xyz")},
+            **{f"u_{axis}_mm": u[:, k] for k, axis in enumerate("xyz")},
+            "rays": self.rays,
+            "residual_rms_px": self.residual_rms_px,
+            "rejected": self.rejected,
+            "cov_rows_mm2": list(self.cov_xyz_mm2.reshape(n, 9 * n)),
+        }
+        pq.write_table(pa.table(columns).replace_schema_metadata({"method": self.method}), path)
+
+    @staticmethod
+    def load(path: Path) -> "Points":
+        """Read what `save` wrote."""
+        import pyarrow.parquet as pq
+
+        table = pq.read_table(path)
+        column = {name: table[name].to_numpy(zero_copy_only=False) for name in table.column_names}
+        n = len(column["code"])
+        covariance = np.concatenate([np.asarray(row) for row in column["cov_rows_mm2"]]).reshape(3 * n, 3 * n) if n else np.zeros((0, 0))
+        xyz = np.column_stack([column[f"{axis}_mm"] for axis in "xyz"])
+        return Points(
+            table.schema.metadata[b"method"].decode(), column["code"], xyz, covariance, column["rays"],
+            column["residual_rms_px"], column["rejected"],
+        )  # fmt: skip

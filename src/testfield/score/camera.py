@@ -1,0 +1,91 @@
+"""The calibrated camera and boards against the true ones."""
+
+import numpy as np
+
+from testfield.calibrate.calibration import Calibration
+from testfield.camera.interior import PARAMETERS, Interior
+from testfield.camera.pose import Poses, nearest_rotation, rotation_vector
+from testfield.camera.project import directions, project_camera
+from testfield.scene.world import World
+
+GRID = (13, 11)
+
+
+def interior_difference(true: Interior, found: Interior, uv_px: np.ndarray) -> np.ndarray:
+    """(n, 2) px by which the found camera images the true camera's rays elsewhere.
+
+    A small rotation of the camera and a shift of the principal point look alike, so the rotation that best explains
+    the difference over the image is taken out first.
+    """
+    columns, rows = GRID
+    grid = np.stack(
+        np.meshgrid(np.linspace(0, true.width_px - 1, columns), np.linspace(0, true.height_px - 1, rows)), -1
+    ).reshape(-1, 2)
+    a, b = directions(true, grid), directions(found, grid)
+    a, b = (d / np.linalg.norm(d, axis=1, keepdims=True) for d in (a, b))
+    good = np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)
+    R = nearest_rotation(b[good].T @ a[good])
+    return project_camera(found, directions(true, uv_px) @ R.T) - uv_px
+
+
+def true_in_datum(world: World, board_names: tuple[str, ...]) -> tuple[Poses, Poses]:
+    """World-from-datum (1) and datum-from-board (B) true poses; the datum is the first of the named boards."""
+    names = [board.name for board in world.field.boards]
+    order = np.array([names.index(name) for name in board_names])
+    datum = world.world_from_board[order[:1]]
+    inverse = datum.inverse()
+    boards = world.world_from_board[order]
+    return datum, Poses(inverse.R @ boards.R, (inverse.R @ boards.t_mm[..., None])[..., 0] + inverse.t_mm)
+
+
+def score_camera(world: World, calibration: Calibration) -> dict:
+    """Interior orientation: error of each parameter with what was claimed, error in px at the corners, NEES."""
+    error = calibration.interior.parameters - world.interior.parameters
+    index = calibration.index(list(PARAMETERS))
+    covariance = calibration.covariance[np.ix_(index, index)]
+    inset = world.interior.corners_px
+    corners = interior_difference(world.interior, calibration.interior, inset)
+    size = np.linalg.norm(corners, axis=1)
+    return {
+        "reprojection_rms_px": calibration.reprojection_rms_px,
+        "sigma0": calibration.sigma0,
+        "observations": calibration.used,
+        "rejected": len(calibration.rejected),
+        "corner_error_px": float(size.max()),
+        "corner_errors_px": size.tolist(),
+        "interior_error": dict(zip(PARAMETERS, error.tolist(), strict=True)),
+        "interior_u": dict(zip(PARAMETERS, np.sqrt(np.diag(covariance)).tolist(), strict=True)),
+        "interior_anees": float(error @ np.linalg.solve(covariance, error) / len(error)),
+        "notes": list(calibration.notes),
+    }
+
+
+def score_boards(world: World, calibration: Calibration) -> dict:
+    """Board poses in the datum frame: shift of each board's marks, turn, NEES."""
+    _, true = true_in_datum(world, calibration.board_names)
+    sheets = {sheet.name: sheet for sheet in world.field.boards}
+    shifts, turns, moves, squares = [], [], [], []
+    for b, name in enumerate(calibration.board_names):
+        if b == 0:
+            continue
+        xy = sheets[name].marks.xy_mm
+        local = np.column_stack([xy, np.zeros(len(xy))])
+        found_R, found_t = calibration.boards.R[b], calibration.boards.t_mm[b]
+        moved = local @ (found_R - true.R[b]).T + found_t - true.t_mm[b]
+        shifts.append((moved**2).sum(axis=1).mean())
+        turn = rotation_vector((found_R @ true.R[b].T)[None])[0]
+        error = np.concatenate([turn, found_t - true.t_mm[b]])
+        index = calibration.index([f"{name}.{axis}" for axis in ("rx", "ry", "rz", "tx", "ty", "tz")])
+        squares.append(error @ np.linalg.solve(calibration.covariance[np.ix_(index, index)], error))
+        turns.append(np.linalg.norm(turn))
+        moves.append(np.linalg.norm(error[3:]))
+    return {
+        "joined": len(calibration.board_names),
+        "pose_rms_mm": float(np.sqrt(np.mean(shifts))) if shifts else 0.0,
+        "names": list(calibration.board_names[1:]),
+        "mark_shift_rms_mm": np.sqrt(shifts).tolist(),
+        "translation_error_mm": [float(v) for v in moves],
+        "rotation_error_mrad": [1e3 * float(v) for v in turns],
+        "anees": float(np.mean(squares) / 6) if squares else float("nan"),
+        "graph": [list(edge) for edge in calibration.graph],
+    }

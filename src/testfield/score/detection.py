@@ -1,0 +1,113 @@
+"""Detections against the truth: expected, found, missed and why, false, wrong; and the centres' errors."""
+
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from testfield.detect.observations import MEASURED, Observations
+from testfield.scene.truth import Views
+from testfield.scene.world import World
+
+EXPECTED_PX = 8.0
+"""Fully visible targets of at least this diameter must be found."""
+
+
+@dataclass(frozen=True)
+class DetectionScore:
+    """`station`, `mark` (k,) of each rightly identified observation; `row` (k,) its place among the observations;
+    `error_px` (k, 2) measured minus true; `nees` (k,) squared error in units of the claimed covariance.
+    `expected`, `found` (stations, marks) booleans; `missed` why, counted; `wrong_code` and `false` row indices."""
+
+    station: np.ndarray
+    mark: np.ndarray
+    row: np.ndarray
+    error_px: np.ndarray
+    nees: np.ndarray
+    expected: np.ndarray
+    found: np.ndarray
+    missed: dict[str, int]
+    wrong_code: np.ndarray
+    wrong_dot: np.ndarray
+    false: np.ndarray
+
+    def card(self) -> dict:
+        """The figures under their stable keys."""
+        expected, found = int(self.expected.sum()), int((self.expected & self.found).sum())
+        bias = self.error_px.mean(axis=0) if len(self.error_px) else np.full(2, np.nan)
+        return {
+            "expected": expected,
+            "found": found,
+            "found_fraction": found / expected if expected else 1.0,
+            "missed": expected - found,
+            "missed_reasons": dict(sorted(self.missed.items())),
+            "false": len(self.false),
+            "wrong_code": len(self.wrong_code),
+            "wrong_dot": len(self.wrong_dot),
+            "measured": len(self.row),
+            "centre_rms_px": float(np.sqrt((self.error_px**2).mean())),
+            "centre_bias_px": float(np.hypot(*bias)),
+            "centre_bias_x_px": float(bias[0]),
+            "centre_bias_y_px": float(bias[1]),
+            "centre_worst_px": float(np.abs(self.error_px).max(initial=0)),
+            "centre_anees": float(self.nees.mean() / 2),
+        }
+
+
+def score_detection(world: World, views: Views, observations: Observations) -> DetectionScore:
+    """Match every observation to the truth, by what it claims to be and by where it is."""
+    marks = world.marks
+    by_code = {int(c): k for k, c in enumerate(marks.code) if c > 0}
+    by_point = {(int(b), int(p)): k for k, (b, p) in enumerate(zip(marks.board, marks.point, strict=True)) if b >= 0}
+    true_px = views.disc_px if observations.centre_of_disc else views.centre_px
+    expected = (views.visible == 1) & (views.diameter_px >= EXPECTED_PX)
+    found = np.zeros(expected.shape, bool)
+    number = {name: k for k, name in enumerate(world.station_name)}
+    station = np.array([number[name] for name in observations.stations])[observations.station]
+
+    rows, match, wrong_code, wrong_dot, false = [], [], [], [], []
+    measured = observations.status == MEASURED
+    reach = np.maximum(0.5 * observations.diameter_px, 2.0)
+    trees = [cKDTree(np.where(np.isfinite(px), px, -1e6)) for px in true_px]
+    for row in np.flatnonzero(measured):
+        s, xy = station[row], observations.xy_px[row]
+        code, board, point = (int(getattr(observations, name)[row]) for name in ("code", "board", "point"))
+        claimed = by_code.get(code) if code > 0 else by_point.get((board, point)) if board >= 0 else None
+        if claimed is not None and np.linalg.norm(xy - true_px[s, claimed]) <= reach[row]:
+            rows.append(row)
+            match.append(claimed)
+            found[s, claimed] = True
+        elif code > 0:
+            wrong_code.append(row)
+        elif claimed is not None:
+            wrong_dot.append(row)
+        elif trees[s].query(xy)[0] > reach[row]:
+            false.append(row)
+
+    index, mark = np.array(rows, int), np.array(match, int)
+    error = observations.xy_px[index] - true_px[station[index], mark]
+    white = np.linalg.solve(np.linalg.cholesky(observations.cov_px2[index]), error[..., None])[..., 0] if len(index) else error
+    return DetectionScore(
+        station[index], mark, index, error, (white**2).sum(axis=1), expected, found,
+        _why_missed(expected & ~found, true_px, views, observations, station),
+        np.array(wrong_code, int), np.array(wrong_dot, int), np.array(false, int),
+    )  # fmt: skip
+
+
+def _why_missed(
+    missed: np.ndarray, true_px: np.ndarray, views: Views, observations: Observations, station: np.ndarray
+) -> dict[str, int]:
+    """The status of whatever was looked at where a missed target is."""
+    reasons: Counter[str] = Counter()
+    for s in np.flatnonzero(missed.any(axis=1)):
+        here = np.flatnonzero(station == s)
+        for mark in np.flatnonzero(missed[s]):
+            distance = np.linalg.norm(observations.xy_px[here] - true_px[s, mark], axis=1) if len(here) else np.array([np.inf])
+            nearest = int(np.argmin(distance))
+            if distance[nearest] > views.diameter_px[s, mark]:
+                reasons["no blob there"] += 1
+            else:
+                status = str(observations.status[here[nearest]])
+                reasons["not identified" if status == MEASURED else status] += 1
+    return dict(reasons)

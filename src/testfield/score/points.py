@@ -1,0 +1,114 @@
+"""Check points and lengths against the truth, and what was claimed against what is."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from testfield.calibrate.calibration import Calibration
+from testfield.reconstruct.points import Points
+from testfield.scene.world import BAR, CHECK, World
+from testfield.score.align import aligned_covariance, rigid_fit
+from testfield.score.camera import true_in_datum
+
+
+@dataclass(frozen=True)
+class PointScore:
+    """Check points: `code` (n,), true positions `true_mm`, errors `error_mm` in the datum frame and `fitted_mm` after
+    the rigid fit, all (n, 3); `u_mm` (n, 3) claimed; whole-network NEES per degree of freedom, with and without fit."""
+
+    code: np.ndarray
+    true_mm: np.ndarray
+    error_mm: np.ndarray
+    fitted_mm: np.ndarray
+    u_mm: np.ndarray
+    anees: float
+    anees_fitted: float
+    diagonal_mm: float
+    expected: int
+
+    def card(self) -> dict:
+        """The figures under their stable keys."""
+        n = len(self.code)
+        rmse, unfitted = (float(np.sqrt((e**2).mean())) if n else float("nan") for e in (self.fitted_mm, self.error_mm))
+        return {
+            "expected": self.expected,
+            "measured": n,
+            "fit": "6 parameters (rotation, translation), no scale",
+            "rmse_mm": rmse,
+            "rmse_unfitted_mm": unfitted,
+            "worst_mm": float(np.linalg.norm(self.fitted_mm, axis=1).max(initial=0)),
+            "mean_u_mm": float(np.sqrt((self.u_mm**2).mean())) if n else float("nan"),
+            "relative_accuracy": self.diagonal_mm / rmse,
+            "anees": self.anees,
+            "anees_fitted": self.anees_fitted,
+            "anees_note": "whole network, full covariance: e' C^-1 e over its degrees of freedom, without a fit",
+        }
+
+
+def score_points(world: World, calibration: Calibration, points: Points) -> PointScore:
+    """Score the check targets."""
+    truth = _true_positions(world, calibration, CHECK)
+    rows = np.array([k for k, code in enumerate(points.code) if int(code) in truth], int)
+    true = np.array([truth[int(code)] for code in points.code[rows]]).reshape(-1, 3)
+    error = points.xyz_mm[rows] - true
+    covariance = points.covariance_of(rows)
+    fitted, anees, anees_fitted = error, float("nan"), float("nan")
+    if len(rows):
+        anees = float(error.ravel() @ np.linalg.solve(covariance, error.ravel()) / error.size)
+    if len(rows) >= 3:
+        R, t = rigid_fit(points.xyz_mm[rows], true)
+        fitted = points.xyz_mm[rows] @ R.T + t - true
+        reduced = aligned_covariance(covariance, true)
+        anees_fitted = float(fitted.ravel() @ np.linalg.pinv(reduced, rcond=1e-10, hermitian=True) @ fitted.ravel() / (error.size - 6))
+    u = np.sqrt(np.diag(covariance)).reshape(-1, 3)
+    return PointScore(points.code[rows], true, error, fitted, u, anees, anees_fitted, world.field_diagonal_mm, len(truth))
+
+
+def score_lengths(world: World, calibration: Calibration, points: Points) -> dict:
+    """Scale bars: measured against true and against certified lengths."""
+    truth = _true_positions(world, calibration, BAR)
+    bars = []
+    for bar in world.field.scale_bars:
+        if not set(bar.codes) <= {int(code) for code in points.code}:
+            bars.append({"name": bar.name, "role": bar.role, "note": "an end was not reconstructed"})
+            continue
+        a, b = points.rows(list(bar.codes))
+        length, u = points.distance(a, b)
+        true = float(np.linalg.norm(truth[bar.codes[0]] - truth[bar.codes[1]]))
+        bars.append(
+            {
+                "name": bar.name, "role": bar.role, "measured_mm": length, "u_measured_mm": u, "true_mm": true,
+                "certified_mm": bar.length_mm, "u_certified_mm": bar.u_length_mm, "error_mm": length - true,
+                "difference_to_certified_mm": length - bar.length_mm,
+                "en": (length - bar.length_mm) / (2 * np.hypot(u, bar.u_length_mm)),
+            }
+        )  # fmt: skip
+    check = [bar["error_mm"] for bar in bars if bar["role"] == "check" and "error_mm" in bar]
+    return {
+        "check_error_mm": float(max(check, key=abs)) if check else None,
+        "scale_error_ppm": 1e6 * (calibration.scale - world_scale(world)),
+        "u_scale_ppm": 1e6 * float(np.sqrt(calibration.covariance[i, i])) if (i := _scale_index(calibration)) is not None else None,
+        "bars": bars,
+    }
+
+
+def world_scale(world: World) -> float:
+    """The true common scale of the boards against their sheets, as the marks show it."""
+    marks = world.marks
+    on = marks.board >= 0
+    nominal = np.concatenate([sheet.marks.xy_mm for sheet in world.field.boards])
+    start = np.concatenate([[0], np.cumsum([len(sheet.marks) for sheet in world.field.boards])])
+    listed = nominal[start[marks.board[on]] + marks.point[on]]
+    return float((marks.xy_mm[on] * listed).sum() / (listed**2).sum())
+
+
+def _scale_index(calibration: Calibration) -> int | None:
+    return calibration.labels.index("scale") if "scale" in calibration.labels else None
+
+
+def _true_positions(world: World, calibration: Calibration, role: int) -> dict[int, np.ndarray]:
+    """True positions in the datum frame of the coded marks of one role, by code."""
+    datum, _ = true_in_datum(world, calibration.board_names)
+    here = np.flatnonzero(world.marks.role == role)
+    local = (world.mark_world_mm[here] - datum.t_mm[0]) @ datum.R[0]
+    return {int(world.marks.code[k]): xyz for k, xyz in zip(here, local, strict=True)}
