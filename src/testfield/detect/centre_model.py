@@ -76,6 +76,8 @@ def _fit(values: np.ndarray, x: np.ndarray, y: np.ndarray, sheet: SensorSheet, x
     covariance *= scale[:, :2, None] * scale[:, None, :2]
     freedom = np.maximum(use.sum(axis=1) - 10, 1)
     chi2 = (weight * residual**2).sum(axis=1) / freedom
+    # What the model leaves unexplained, beyond chance, is doubt about the centre too.
+    covariance *= np.where(chi2 > 1 + 3 * np.sqrt(2 / freedom), chi2, 1.0)[:, None, None]
     excess = (use * (residual**2 - sheet.variance_dn2(model))).sum(axis=1) / np.maximum(use.sum(axis=1), 1)
     misfit = np.sqrt(np.maximum(excess, 0)) / theta[:, CONTRAST]
     return Centres(

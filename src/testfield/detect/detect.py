@@ -15,9 +15,9 @@ from testfield.targets.field import Field
 LARGEST_PX = 60.0
 WORST_MISFIT = 0.06
 """Rms residual beyond noise, as a fraction of the contrast, above which a blob is no dot."""
-DISTURBED = 0.015
-"""The same, above which a dot is partly hidden or touched by something, where noise cannot explain it."""
-SIGNIFICANT_CHI2 = 1.8
+DISTURBED, DISTURBED_CHI2 = 0.004, 1.6
+"""A dot is partly hidden or touched by something where its residual beyond noise exceeds the first, as a fraction of
+the contrast, and its chi-squared exceeds the second times what is usual in the image (at least times one)."""
 LEAST_CONTRAST = 5.0
 """Contrast over noise below which nothing is measured."""
 
@@ -37,11 +37,14 @@ def detect(frame: Frame, field: Field, centroid: str, smallest_px: float) -> Obs
     with np.errstate(invalid="ignore"):
         noise = np.sqrt(sheet.variance_dn2(centres.background_dn + centres.contrast_dn / 2))
         level = centres.background_dn + (centres.contrast_dn if field.white_on_black else 0)
+        plausible = centres.ok & (centres.misfit < WORST_MISFIT)
+        usual = max(float(np.median(centres.chi2[plausible])), 1.0) if plausible.any() else 1.0
         saturated = level >= 0.98 * sheet.saturation_dn
-        diameter = 4 * np.maximum(np.linalg.det(centres.moments_px2), 0) ** 0.25
+        m = centres.moments_px2
+        diameter = 4 * np.maximum(m[:, 0, 0] * m[:, 1, 1] - m[:, 0, 1] ** 2, 0) ** 0.25
         for bad, why in (
             (centres.misfit > WORST_MISFIT, "not an ellipse"),
-            ((centres.misfit > DISTURBED) & (centres.chi2 > SIGNIFICANT_CHI2), "partly hidden or disturbed"),
+            ((centres.misfit > DISTURBED) & (centres.chi2 > DISTURBED_CHI2 * usual), "partly hidden or disturbed"),
             (centres.contrast_dn < LEAST_CONTRAST * noise, "too little contrast"),
             (saturated, "saturated"),
             (diameter < smallest_px, "too small"),

@@ -60,22 +60,16 @@ def _carry(layout: np.ndarray, image: np.ndarray, spread: np.ndarray) -> tuple[n
     Each code counts with its centre and with two points beside it, where its own affine map (n, 2, 2) in px/mm puts
     them: that steadies the few codes of a board that is mostly out of sight, and shows a false turn.
     """
-    if len(layout) >= 4:
-        _, mask = cv2.findHomography(layout, image, cv2.RANSAC, CODE_TOLERANCE_PX)
-        keep = np.zeros(len(layout), bool) if mask is None else mask.ravel().astype(bool)
-    else:
-        keep = np.isfinite(spread).all(axis=(1, 2))
-    if keep.sum() < LEAST_CODES:
-        return keep, None
     arm = np.array([[0, 0], [ARM_MM, 0], [0, ARM_MM]])
-    turned = keep & np.isfinite(spread).all(axis=(1, 2))
-    source = np.concatenate([layout[keep], (layout[turned][:, None] + arm[1:]).reshape(-1, 2)])
-    target = np.concatenate([image[keep], (image[turned][:, None] + np.einsum("nij,kj->nki", spread[turned], arm[1:])).reshape(-1, 2)])
+    turned = np.isfinite(spread).all(axis=(1, 2))
+    nothing = np.zeros(len(layout), bool)
+    if len(layout) + 2 * turned.sum() < 4:
+        return nothing, None
+    source = np.concatenate([layout, (layout[turned][:, None] + arm[1:]).reshape(-1, 2)])
+    target = np.concatenate([image, (image[turned][:, None] + np.einsum("nij,kj->nki", spread[turned], arm[1:])).reshape(-1, 2)])
     model, mask = cv2.findHomography(source, target, cv2.RANSAC, CODE_TOLERANCE_PX)
-    if model is None or mask.ravel()[: keep.sum()].sum() < LEAST_CODES:
-        return keep & False, None
-    keep[np.flatnonzero(keep)] = mask.ravel()[: keep.sum()].astype(bool)
-    return keep, model
+    keep = nothing if mask is None else mask.ravel()[: len(layout)].astype(bool)
+    return (keep, model) if keep.sum() >= LEAST_CODES else (nothing, None)
 
 
 def _grow(

@@ -49,7 +49,8 @@ class Observations:
     @property
     def diameter_px(self) -> np.ndarray:
         """(n,) diameter of the circle of the dot's area."""
-        return 4 * np.maximum(np.linalg.det(self.moments_px2), 0) ** 0.25
+        m = self.moments_px2
+        return 4 * np.maximum(m[:, 0, 0] * m[:, 1, 1] - m[:, 0, 1] ** 2, 0) ** 0.25
 
     @staticmethod
     def join(parts: list["Observations"], stations: tuple[str, ...]) -> "Observations":

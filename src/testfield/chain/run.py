@@ -1,0 +1,103 @@
+"""A run: its folder, its scene, its truth, and what the stages need to know of it."""
+
+import platform
+import re
+import sys
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+from testfield import __version__
+from testfield.chain.files import PACKAGES, Ledger, _version, code_digest, digest, whole
+from testfield.errors import TestfieldError
+from testfield.scene.build import build_world
+from testfield.scene.check import check_scene
+from testfield.scene.load import load_scene, parse_scene
+from testfield.scene.schema import SceneFile
+from testfield.scene.truth import Views, see
+from testfield.scene.world import World
+from testfield.targets.field import Field
+
+
+@dataclass
+class Run:
+    """One scene in one folder. `jobs` processes may work at once; `source` is what messages call the scene."""
+
+    folder: Path
+    scene: SceneFile
+    source: str
+    ledger: Ledger
+    jobs: int = 1
+
+    @cached_property
+    def world(self) -> World:
+        """The world with its truth."""
+        try:
+            return build_world(self.scene)
+        except TestfieldError as error:
+            raise TestfieldError(error.what, f"{self.source}, {error.where}", error.do) from error
+
+    @cached_property
+    def views(self) -> Views:
+        """What each station truly sees."""
+        return see(self.world)
+
+    @cached_property
+    def field(self) -> Field:
+        """The field's sheet, from the run's folder: what the measuring side is told."""
+        return Field.load(self.need("field.json", "run"))
+
+    @property
+    def stations(self) -> tuple[str, ...]:
+        """Names of the stations."""
+        return self.world.station_name
+
+    def need(self, name: str, maker: str) -> Path:
+        """The path of a file that must be there; `maker` is the command that makes it."""
+        path = self.folder / name
+        if not path.is_file():
+            raise TestfieldError("this file is missing", str(path), f"make it with `testfield {maker} {self.folder}`")
+        return path
+
+
+def begin(scene_path: Path, out: Path | None, seed: int | None, jobs: int) -> tuple[Run, list[str]]:
+    """Check a scene and lay out its run's folder. Returns the run and the scene's warnings.
+
+    Nothing that an earlier run made is touched before the scene has passed every check.
+    """
+    load_scene(scene_path)
+    text = scene_path.read_text()
+    text = text if seed is None else with_seed(text, seed)
+    scene = parse_scene(text, str(scene_path))
+    folder = out or Path("renders") / scene.name
+    run = Run(folder, scene, str(scene_path), Ledger(folder), jobs)
+    warnings = check_scene(scene, run.world, run.views, str(scene_path))
+    folder.mkdir(parents=True, exist_ok=True)
+    with whole(folder / "scene.toml") as path:
+        path.write_text(text)
+    run.ledger.make("field.json", digest(run.world.field, code_digest("targets")), run.world.field.save)
+    run.ledger.note(
+        scene=scene.name, seed=scene.seed, command=" ".join(["testfield", *sys.argv[1:]]),
+        versions={"testfield": __version__, "python": platform.python_version(), **{name: _version(name) for name in PACKAGES}},
+        machine=f"{platform.system()} {platform.machine()}, {platform.processor() or 'processor not named'}",
+        warnings=warnings,
+    )  # fmt: skip
+    return run, warnings
+
+
+def resume(folder: Path, jobs: int) -> Run:
+    """The run in a folder that `testfield run` or a person laid out."""
+    path = folder / "scene.toml"
+    if not path.is_file():
+        raise TestfieldError("no scene.toml here, so this is no run's folder", str(folder), "begin with `testfield run SCENE`")
+    return Run(folder, load_scene(path), str(path), Ledger(folder), jobs)
+
+
+def with_seed(text: str, seed: int) -> str:
+    """A scene file's text with another seed."""
+    head, table, tail = text.partition("\n[")
+    if re.search(r"(?m)^seed\s*=", head):
+        head = re.sub(r"(?m)^seed\s*=.*$", f"seed = {seed}", head)
+    else:
+        head = f"seed = {seed}\n{head}"
+    return head + table + tail

@@ -1,0 +1,65 @@
+"""The truth as files for people and peers: `truth/marks.parquet`, `truth/views.parquet`, `truth/camera.json`."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from testfield.chain.files import code_digest, digest
+from testfield.chain.run import Run
+from testfield.scene.world import ROLES
+
+
+def write_truth(run: Run) -> None:
+    """Write the truth of a run, unless it is there."""
+    key = digest(code_digest("scene", "targets", "camera"), run.scene.model_dump())
+    run.ledger.make("truth/marks.parquet", key, lambda path: _marks(run, path))
+    run.ledger.make("truth/views.parquet", key, lambda path: _views(run, path))
+    run.ledger.make("truth/camera.json", key, lambda path: _camera(run, path))
+
+
+def _marks(run: Run, path: Path) -> None:
+    """One row a mark: where it is in the world (mm), what it is."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    world, marks = run.world, run.world.marks
+    xyz, normal = world.mark_world_mm, world.mark_normal
+    columns = {
+        "panel": [world.panels.name[k] for k in marks.panel], "role": [ROLES[k] for k in marks.role],
+        "board": marks.board, "point": marks.point, "code": marks.code, "diameter_mm": marks.diameter_mm,
+        **{f"{axis}_mm": xyz[:, k] for k, axis in enumerate("xyz")},
+        **{f"normal_{axis}": normal[:, k] for k, axis in enumerate("xyz")},
+    }  # fmt: skip
+    pq.write_table(pa.table(columns), path)
+
+
+def _views(run: Run, path: Path) -> None:
+    """One row for each mark that any part of is visible in a station; `mark` is its row in marks.parquet."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    views = run.views
+    station, mark = np.nonzero(views.visible > 0)
+    at = station, mark
+    columns = {
+        "station": np.array(run.stations, dtype=object)[station], "mark": mark, "visible": views.visible[at],
+        "centre_x_px": views.centre_px[at][:, 0], "centre_y_px": views.centre_px[at][:, 1],
+        "disc_x_px": views.disc_px[at][:, 0], "disc_y_px": views.disc_px[at][:, 1],
+        "diameter_px": views.diameter_px[at], "obliquity_deg": views.obliquity_deg[at],
+    }  # fmt: skip
+    pq.write_table(pa.table(columns), path)
+
+
+def _camera(run: Run, path: Path) -> None:
+    world = run.world
+    poses = {
+        name: {"R": R.tolist(), "t_mm": t.tolist()}
+        for name, R, t in zip(world.station_name, world.camera_from_world.R, world.camera_from_world.t_mm, strict=True)
+    }
+    boards = {
+        sheet.name: {"R": R.tolist(), "t_mm": t.tolist()}
+        for sheet, R, t in zip(world.field.boards, world.world_from_board.R, world.world_from_board.t_mm, strict=True)
+    }
+    data = {"interior": world.interior.to_json(), "camera_from_world": poses, "world_from_board": boards}
+    path.write_text(json.dumps(data, indent=1))

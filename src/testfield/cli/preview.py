@@ -1,0 +1,39 @@
+"""`testfield preview SCENE`: plan and elevation of the field, and one quick view."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+
+def add(commands: Any) -> None:
+    """Enter the command."""
+    p = commands.add_parser("preview", help="plan, elevation and one quick view of a scene, as PNG, in seconds", description=__doc__)
+    p.add_argument("scene", type=Path, metavar="SCENE", help="a scene file (TOML)")
+    p.add_argument("--station", metavar="NAME", help="whose view (default: the first)")
+    p.add_argument("--out", type=Path, metavar="FILE", help="the picture (default: renders/<scene's name>-preview.png)")
+    p.set_defaults(act=act)
+
+
+def act(args: argparse.Namespace) -> int:
+    """Check the scene and draw it."""
+    from testfield.chain.files import Ledger, disk_errors, whole
+    from testfield.chain.run import Run
+    from testfield.cli.show import show_warnings
+    from testfield.errors import TestfieldError
+    from testfield.render.quick import quick_view
+    from testfield.report.preview import draw_preview
+    from testfield.scene.check import check_scene
+    from testfield.scene.load import load_scene
+
+    run = Run(Path(), load_scene(args.scene), str(args.scene), Ledger(Path("/nonexistent")))
+    show_warnings(check_scene(run.scene, run.world, run.views, str(args.scene)))
+    name = args.station or run.stations[0]
+    if name not in run.stations:
+        raise TestfieldError(f"no station is called '{name}'", "--station", f"choose one of {', '.join(run.stations)}")
+    out = args.out or Path("renders") / f"{run.scene.name}-preview.png"
+    station = run.stations.index(name)
+    view = quick_view(run.world, station)
+    with disk_errors(out.parent), whole(out) as path:
+        draw_preview(run.world, view, name, path)
+    print(out)
+    return 0

@@ -1,0 +1,36 @@
+"""`testfield run SCENE`: the whole chain."""
+
+import argparse
+import os
+from pathlib import Path
+from typing import Any
+
+
+def add(commands: Any) -> None:
+    """Enter the command."""
+    p = commands.add_parser("run", help="render, measure and score a scene: the whole chain", description=__doc__)
+    p.add_argument("scene", type=Path, metavar="SCENE", help="a scene file (TOML)")
+    p.add_argument("--out", type=Path, metavar="FOLDER", help="the run's folder (default: renders/<scene's name>)")
+    p.add_argument("--seed", type=int, metavar="N", help="another seed than the scene file's")
+    p.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes at once (default: one a core)")
+    p.add_argument("--json", action="store_true", help="print the scorecard as one JSON object")
+    p.set_defaults(act=act)
+
+
+def act(args: argparse.Namespace) -> int:
+    """Run the chain; stages whose inputs have not changed are not repeated."""
+    from testfield.chain.files import disk_errors
+    from testfield.chain.run import begin
+    from testfield.chain.stages import STAGES, run_stage
+    from testfield.cli.show import show_result, show_warnings
+    from testfield.errors import TestfieldError
+
+    if args.seed is not None and args.seed < 0:
+        raise TestfieldError(f"value {args.seed} is negative", "--seed", "give 0 or more")
+    with disk_errors(args.out or Path("renders")):
+        run, warnings = begin(args.scene, args.out, args.seed, max(1, args.jobs))
+        show_warnings(warnings)
+        for name in STAGES:
+            run_stage(run, name)
+    show_result(run.folder, args.json)
+    return 0

@@ -1,0 +1,40 @@
+"""`testfield render|expose|detect|calibrate|reconstruct|score|report RUN`: one stage on a run's folder."""
+
+import argparse
+import os
+from pathlib import Path
+from typing import Any
+
+STAGES = {
+    "render": "radiance images of all stations (EXR)",
+    "expose": "digital frames from the radiance (16-bit PNG)",
+    "detect": "find, centre, decode and identify the targets in the frames",
+    "calibrate": "camera, stations and boards from the observations",
+    "reconstruct": "scale-bar ends and check targets from observations and calibration",
+    "score": "everything measured against the truth",
+    "report": "the HTML page",
+}
+
+
+def add(commands: Any) -> None:
+    """Enter the seven commands."""
+    for name, what in STAGES.items():
+        p = commands.add_parser(name, help=what, description=f"One stage alone: {what}. Its inputs are taken from the folder as they are.")
+        p.add_argument("run", type=Path, metavar="RUN", help="a run's folder")
+        p.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes at once (default: one a core)")
+        p.set_defaults(act=act, stage=name)
+
+
+def act(args: argparse.Namespace) -> int:
+    """Run the stage, unless what it would make is there already."""
+    from testfield.chain.files import disk_errors
+    from testfield.chain.run import resume
+    from testfield.chain.stages import run_stage
+    from testfield.cli.show import show_result
+
+    with disk_errors(args.run):
+        made = run_stage(resume(args.run, max(1, args.jobs)), args.stage)
+    print(f"{args.stage}: {'done' if made else 'nothing to do, all is up to date'} ({args.run})")
+    if args.stage == "score":
+        show_result(args.run, as_json=False)
+    return 0

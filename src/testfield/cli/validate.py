@@ -1,0 +1,33 @@
+"""`testfield validate SCENE`: check a scene file without rendering."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+
+def add(commands: Any) -> None:
+    """Enter the command."""
+    p = commands.add_parser("validate", help="check a scene file and say what it holds, without rendering", description=__doc__)
+    p.add_argument("scene", type=Path, metavar="SCENE", help="a scene file (TOML)")
+    p.set_defaults(act=act)
+
+
+def act(args: argparse.Namespace) -> int:
+    """Say what is wrong, or what the scene holds."""
+    from testfield.chain.files import Ledger
+    from testfield.chain.run import Run
+    from testfield.cli.show import show_warnings
+    from testfield.scene.check import check_scene
+    from testfield.scene.load import load_scene
+    from testfield.scene.world import BAR, BOARD, CHECK
+
+    run = Run(Path(), load_scene(args.scene), str(args.scene), Ledger(Path("/nonexistent")))
+    world = run.world
+    show_warnings(check_scene(run.scene, world, run.views, str(args.scene)))
+    marks, seen = world.marks, run.views.visible == 1
+    print(f"{args.scene}: valid")
+    print(f"  {len(world.field.boards)} boards with {(marks.role == BOARD).sum()} marks, {(marks.role == CHECK).sum()} check targets, ", end="")
+    print(f"{len(world.field.scale_bars)} scale bars ({(marks.role == BAR).sum()} ends)")
+    sizes = run.views.diameter_px[seen]
+    print(f"  {len(world.station_name)} stations; {seen.sum()} full views of marks, {sizes.min():.1f} to {sizes.max():.1f} px wide")
+    return 0

@@ -1,0 +1,74 @@
+"""All figures of a run under stable keys."""
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+from testfield.calibrate.calibration import Calibration
+from testfield.detect.observations import Observations
+from testfield.reconstruct.points import Points
+from testfield.scene.truth import Views
+from testfield.scene.world import World
+from testfield.score.camera import score_boards, score_camera
+from testfield.score.detection import score_detection
+from testfield.score.points import score_lengths, score_points
+
+TEN = (
+    ("targets found of those expected", "detection.found_fraction", "{:.2%}"),
+    ("wrong codes", "detection.wrong_code", "{:d}"),
+    ("centre error, rms", "detection.centre_rms_px", "{:.4f} px"),
+    ("reprojection, rms", "calibration.reprojection_rms_px", "{:.4f} px"),
+    ("interior orientation, worst corner", "calibration.corner_error_px", "{:.4f} px"),
+    ("board poses, rms", "boards.pose_rms_mm", "{:.4f} mm"),
+    ("check points, RMSE after a 6-parameter fit", "points.rmse_mm", "{:.4f} mm"),
+    ("relative accuracy, field diagonal / RMSE", "points.relative_accuracy", "1 : {:,.0f}"),
+    ("check points, NEES per degree of freedom", "points.anees", "{:.2f}"),
+    ("check bar, measured minus true", "lengths.check_error_mm", "{:+.4f} mm"),
+)
+"""The ten figures that matter: title, key, format."""
+
+
+def scorecard(world: World, views: Views, observations: Path, calibration: Path, points: Path) -> dict[str, Any]:
+    """Score a run's files against the truth."""
+    found, camera, targets = Observations.load(observations), Calibration.load(calibration), Points.load(points)
+    return {
+        "scene": world.name,
+        "detection": score_detection(world, views, found).card(),
+        "calibration": {"method": camera.method} | score_camera(world, camera),
+        "boards": score_boards(world, camera),
+        "points": {"method": targets.method} | score_points(world, camera, targets).card(),
+        "lengths": score_lengths(world, camera, targets),
+    }
+
+
+def write_scorecard(card: dict[str, Any], path: Path) -> None:
+    """Write as JSON; a figure that does not exist is null."""
+    path.write_text(json.dumps(_plain(card), indent=1, allow_nan=False))
+
+
+def figure(card: dict[str, Any], key: str) -> Any:
+    """The figure under a dotted key."""
+    value: Any = card
+    for part in key.split("."):
+        value = value[part]
+    return value
+
+
+def ten_figures(card: dict[str, Any]) -> list[tuple[str, str]]:
+    """The ten figures that matter: title and formatted value."""
+    rows = []
+    for title, key, form in TEN:
+        value = figure(card, key)
+        rows.append((title, "not measured" if value is None else form.format(value)))
+    return rows
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if hasattr(value, "item"):
+        value = value.item()
+    return None if isinstance(value, float) and not math.isfinite(value) else value
