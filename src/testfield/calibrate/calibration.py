@@ -1,13 +1,15 @@
 """The result of a calibration: the camera, its stations, the boards, and how well all of them are known."""
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from testfield.camera.interior import Interior
 from testfield.camera.pose import Poses
+
+ARRAYS = ("covariance", "residual_at_px", "residual_px")
 
 
 @dataclass(frozen=True)
@@ -18,7 +20,7 @@ class Calibration:
     their sheets; `covariance` (P, P) of the unknowns named in `labels` (interior in the model's units, rotations in
     rad as small turns after the pose's rotation, translations in mm, scale). `sigma0` of the adjustment with
     `freedom`; `reprojection_rms_px` over `used` observations; `rejected` rows (station, code, board, point, size of
-    the residual in standard deviations); `graph` edges (station, board, marks); `notes` for the reader.
+    the residual in standard deviations); `residual_px` (m, 2) observed minus adjusted at `residual_at_px` (m, 2); `graph` edges (station, board, marks); `notes` for the reader.
     """
 
     method: str
@@ -35,6 +37,8 @@ class Calibration:
     reprojection_rms_px: float
     used: int
     rejected: tuple[dict, ...] = ()
+    residual_at_px: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
+    residual_px: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
     graph: tuple[tuple[str, str, int], ...] = ()
     notes: tuple[str, ...] = ()
 
@@ -53,7 +57,7 @@ class Calibration:
             "interior": self.interior.to_json(),
             "stations": _poses_json(self.stations),
             "boards": _poses_json(self.boards),
-            "covariance": self.covariance.tolist(),
+            **{key: getattr(self, key).tolist() for key in ARRAYS},
         }
         path.write_text(json.dumps(data))
 
@@ -63,7 +67,7 @@ class Calibration:
         data = json.loads(path.read_text())
         data["interior"] = Interior.from_json(data["interior"])
         data["stations"], data["boards"] = (_poses(data[key]) for key in ("stations", "boards"))
-        data["covariance"] = np.array(data["covariance"])
+        data |= {key: np.array(data[key]) for key in ARRAYS}
         for key in ("station_names", "board_names", "labels", "rejected", "notes"):
             data[key] = tuple(data[key])
         data["graph"] = tuple(tuple(edge) for edge in data["graph"])

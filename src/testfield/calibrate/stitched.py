@@ -67,7 +67,7 @@ def stitched(observations: Observations, field: Field, width_px: int, height_px:
     return Calibration(
         "stitched", network.interior, names, network.stations, boards, network.boards, network.scale,
         adjustment.covariance[np.ix_(index, index)], tuple(labels[: len(index)]), adjustment.sigma0, adjustment.freedom,
-        float(np.sqrt((adjustment.residual_px**2).sum(axis=1).mean())), len(network.xy_px), tuple(rejected),
+        float(np.sqrt((adjustment.residual_px**2).sum(axis=1).mean())), len(network.xy_px), tuple(rejected), network.xy_px, adjustment.residual_px,
         tuple((names[s], boards[b], n) for s, b, n in graph), tuple(notes),
     )  # fmt: skip
 

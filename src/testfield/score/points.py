@@ -14,17 +14,26 @@ from testfield.score.camera import true_in_datum
 @dataclass(frozen=True)
 class PointScore:
     """Check points: `code` (n,), true positions `true_mm`, errors `error_mm` in the datum frame and `fitted_mm` after
-    the rigid fit, all (n, 3); `u_mm` (n, 3) claimed; whole-network NEES per degree of freedom, with and without fit."""
+    the rigid fit, all (n, 3); `cov_mm2` (3n, 3n) claimed, `u_mm` (n, 3) its square roots; whole-network NEES per degree of freedom, with and without fit."""
 
     code: np.ndarray
     true_mm: np.ndarray
     error_mm: np.ndarray
     fitted_mm: np.ndarray
-    u_mm: np.ndarray
+    cov_mm2: np.ndarray
     anees: float
     anees_fitted: float
     diagonal_mm: float
     expected: int
+
+    @property
+    def u_mm(self) -> np.ndarray:
+        """(n, 3) claimed standard uncertainties."""
+        return np.sqrt(np.diag(self.cov_mm2)).reshape(-1, 3)
+
+    def covariance(self, k: int) -> np.ndarray:
+        """(3, 3) claimed covariance of one point."""
+        return self.cov_mm2[3 * k : 3 * k + 3, 3 * k : 3 * k + 3]
 
     def card(self) -> dict:
         """The figures under their stable keys."""
@@ -60,8 +69,7 @@ def score_points(world: World, calibration: Calibration, points: Points) -> Poin
         fitted = points.xyz_mm[rows] @ R.T + t - true
         reduced = aligned_covariance(covariance, true)
         anees_fitted = float(fitted.ravel() @ np.linalg.pinv(reduced, rcond=1e-10, hermitian=True) @ fitted.ravel() / (error.size - 6))
-    u = np.sqrt(np.diag(covariance)).reshape(-1, 3)
-    return PointScore(points.code[rows], true, error, fitted, u, anees, anees_fitted, world.field_diagonal_mm, len(truth))
+    return PointScore(points.code[rows], true, error, fitted, covariance, anees, anees_fitted, world.field_diagonal_mm, len(truth))
 
 
 def score_lengths(world: World, calibration: Calibration, points: Points) -> dict:

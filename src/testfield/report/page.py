@@ -1,0 +1,99 @@
+"""The report: one self-contained HTML page, pictures first, then tables, then provenance."""
+
+import base64
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from testfield.calibrate.calibration import Calibration
+from testfield.camera.images import Frame
+from testfield.camera.interior import PARAMETERS
+from testfield.detect.observations import MEASURED, Observations
+from testfield.reconstruct.points import Points
+from testfield.report import figures
+from testfield.scene.schema import SceneFile
+from testfield.scene.truth import Views
+from testfield.scene.world import World
+from testfield.score.detection import score_detection
+from testfield.score.points import score_points
+from testfield.score.scorecard import ten_figures
+
+TEMPLATE = Path(__file__).with_name("page.html")
+
+
+def write_report(world: World, views: Views, scene: SceneFile, folder: Path, notes: dict[str, Any], path: Path) -> None:
+    """Write the page of a run's folder."""
+    from jinja2 import Environment, StrictUndefined
+
+    card = json.loads((folder / "scorecard.json").read_text())
+    observations = Observations.load(folder / "observations.parquet")
+    calibration = Calibration.load(folder / "calibration.json")
+    found = score_detection(world, views, observations)
+    points = score_points(world, calibration, Points.load(folder / "points.parquet"))
+    name = _telling_station(observations)
+    frame = Frame.load(folder / f"frames/{name}.png")
+
+    environment = Environment(undefined=StrictUndefined, autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    environment.filters["mm"] = lambda v: "–" if v is None else f"{v:.4f}"
+    environment.filters["signed"] = lambda v: "–" if v is None else f"{v:+.4f}"
+    environment.filters["short"] = lambda v: "–" if v is None else f"{v:.3g}"
+    page = environment.from_string(TEMPLATE.read_text()).render(
+        scene=scene,
+        card=card,
+        ten=ten_figures(card),
+        notes=notes,
+        station=name,
+        picture=_data(figures.detections(frame, observations), "image/jpeg"),
+        plan=_inline(figures.field_plan(world, calibration, points)),
+        residuals=_inline(figures.residual_map(calibration)),
+        centres=_inline(figures.centre_errors(found)),
+        claimed=_inline(figures.claimed_against_actual(points)),
+        interior=_interior_rows(world, calibration, card),
+        check=_check_rows(points),
+        graph=_graph_rows(calibration),
+        rejected=calibration.rejected,
+        counts=_status_rows(observations),
+    )
+    path.write_text(page)
+
+
+def _telling_station(observations: Observations) -> str:
+    """The station with the most measured targets."""
+    return observations.stations[int(np.bincount(observations.measured.station, minlength=len(observations.stations)).argmax())]
+
+
+def _data(content: bytes, kind: str) -> str:
+    return f"data:{kind};base64,{base64.b64encode(content).decode()}"
+
+
+def _inline(svg: bytes) -> str:
+    return _data(svg, "image/svg+xml")
+
+
+def _interior_rows(world: World, calibration: Calibration, card: dict) -> list[tuple]:
+    u = card["calibration"]["interior_u"]
+    true, found = world.interior.parameters, calibration.interior.parameters
+    return [
+        (name, f"{true[k]:.6g}" if k > 3 else f"{true[k]:.4f}", f"{found[k]:.6g}" if k > 3 else f"{found[k]:.4f}", found[k] - true[k], u[name])
+        for k, name in enumerate(PARAMETERS)
+    ]
+
+
+def _check_rows(points: Any) -> list[tuple]:
+    order = np.argsort(-np.linalg.norm(points.error_mm, axis=1))
+    return [(int(points.code[k]), *points.true_mm[k], *(1000 * points.error_mm[k]), *(1000 * points.u_mm[k])) for k in order]
+
+
+def _graph_rows(calibration: Calibration) -> list[tuple]:
+    """For each board: its name, and how many marks of it each station saw."""
+    seen = {(station, board): n for station, board, n in calibration.graph}
+    return [(board, [seen.get((station, board), 0) for station in calibration.station_names]) for board in calibration.board_names]
+
+
+def _status_rows(observations: Observations) -> list[tuple[str, int]]:
+    names, counts = np.unique(observations.status.astype(str), return_counts=True)
+    order = np.argsort(-counts)
+    rows = [(str(names[k]), int(counts[k])) for k in order]
+    return sorted(rows, key=lambda row: row[0] != MEASURED)
