@@ -84,7 +84,11 @@ def _distances(network: Network) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Length residuals, directions (d, 3) from the second end to the first, and weights' square roots."""
     a, b = network.point_mm[network.ends[:, 0]], network.point_mm[network.ends[:, 1]]
     length = np.linalg.norm(a - b, axis=1)
-    return network.length_mm - length, (a - b) / length[:, None], 1 / np.maximum(network.u_length_mm, EXACT_MM)
+    return (
+        network.length_mm - length,
+        (a - b) / length[:, None],
+        1 / np.maximum(network.u_length_mm, EXACT_MM),
+    )
 
 
 def _chi2(network: Network) -> float:
@@ -228,5 +232,3 @@ class _Factor:
     def solve(self, right: np.ndarray) -> np.ndarray:
         scale = self.scale if right.ndim == 1 else self.scale[:, None]
         return scale * cho_solve(self.factor, scale * right)
-
-

@@ -30,9 +30,7 @@ def target_normal(
         right.append(missing[:, a, b])
     # The trace of n n^T is one; weighted like all other equations together.
     trace = np.array([[1.0, 0, 0, 1, 0, 1]]) * np.abs(np.concatenate(rows)).max()
-    solution, *_ = np.linalg.lstsq(
-        np.vstack([*rows, trace]), np.concatenate([*right, [trace.max()]]), rcond=None
-    )
+    solution, *_ = np.linalg.lstsq(np.vstack([*rows, trace]), np.concatenate([*right, [trace.max()]]), rcond=None)
     outer = np.zeros((3, 3))
     for (i, j), value in zip(PAIRS, solution, strict=True):
         outer[i, j] = outer[j, i] = value

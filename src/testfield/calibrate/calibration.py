@@ -20,7 +20,8 @@ class Calibration:
     their sheets; `covariance` (P, P) of the unknowns named in `labels` (interior in the model's units, rotations in
     rad as small turns after the pose's rotation, translations in mm, scale). `sigma0` of the adjustment with
     `freedom`; `reprojection_rms_px` over `used` observations; `rejected` rows (station, code, board, point, size of
-    the residual in standard deviations); `residual_px` (m, 2) observed minus adjusted at `residual_at_px` (m, 2); `graph` edges (station, board, marks); `notes` for the reader.
+    the residual in standard deviations); `residual_px` (m, 2) observed minus adjusted at `residual_at_px` (m, 2);
+    `graph` edges (station, board, marks); `notes` for the reader.
     """
 
     method: str

@@ -10,7 +10,12 @@ from testfield.camera.pose import Poses
 
 
 def spanning_poses(
-    station: np.ndarray, board: np.ndarray, weight: np.ndarray, camera_from_board: Poses, stations: int, boards: int
+    station: np.ndarray,
+    board: np.ndarray,
+    weight: np.ndarray,
+    camera_from_board: Poses,
+    stations: int,
+    boards: int,
 ) -> tuple[Poses, Poses, np.ndarray, np.ndarray]:
     """Poses along the strongest spanning tree from board 0.
 

@@ -32,7 +32,8 @@ def focal_length(homographies: np.ndarray, middle_px: np.ndarray) -> float:
     positive = ratio > 0
     if not positive.any():
         raise TestfieldError(
-            "the focal length cannot be found: every view sees the boards face on", do="add stations that look obliquely"
+            "the focal length cannot be found: every view sees the boards face on",
+            do="add stations that look obliquely",
         )
     order = np.argsort(ratio[positive])
     ratio, weight = ratio[positive][order], weight[positive][order]

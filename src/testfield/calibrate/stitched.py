@@ -1,4 +1,4 @@
-"""Calibration with stitched sub-boards: homographies, the graph of images and boards, one bundle (METHODS section 4)."""
+"""Stitched sub-boards: homographies, the graph of images and boards, one bundle (METHODS section 4)."""
 
 from dataclasses import replace
 
@@ -57,7 +57,9 @@ def stitched(observations: Observations, field: Field, width_px: int, height_px:
         # A first bad point may drag its neighbours along: only residuals near the worst go in one round.
         bad = (size > REJECT_SIGMA) & (size > 0.3 * size.max())
         if not bad.any():
-            if not rows.centre_of_disc or np.allclose(_disc_offsets(network, moments, radius), network.offset_px, atol=1e-7):
+            if not rows.centre_of_disc or np.allclose(
+                _disc_offsets(network, moments, radius), network.offset_px, atol=1e-7
+            ):
                 break
             continue
         rejected += _record(network, size, bad, names, boards)
@@ -67,7 +69,8 @@ def stitched(observations: Observations, field: Field, width_px: int, height_px:
     return Calibration(
         "stitched", network.interior, names, network.stations, boards, network.boards, network.scale,
         adjustment.covariance[np.ix_(index, index)], tuple(labels[: len(index)]), adjustment.sigma0, adjustment.freedom,
-        float(np.sqrt((adjustment.residual_px**2).sum(axis=1).mean())), len(network.xy_px), tuple(rejected), network.xy_px, adjustment.residual_px,
+        float(np.sqrt((adjustment.residual_px**2).sum(axis=1).mean())), len(network.xy_px), tuple(rejected),
+        network.xy_px, adjustment.residual_px,
         tuple((names[s], boards[b], n) for s, b, n in graph), tuple(notes),
     )  # fmt: skip
 
@@ -91,7 +94,8 @@ def _start(rows: Observations, field: Field, width_px: int, height_px: int) -> t
             homographies.append(plane_homography(plane, image))
     if not homographies:
         raise TestfieldError(
-            f"no image shows {LEAST_MARKS} identified marks of a board", do="look at the observations' status for the reasons"
+            f"no image shows {LEAST_MARKS} identified marks of a board",
+            do="look at the observations' status for the reasons",
         )
     edges = np.array(station), np.array(board), np.array(weight)
     focal = focal_length(np.array(homographies), middle)
@@ -131,7 +135,8 @@ def _start(rows: Observations, field: Field, width_px: int, height_px: int) -> t
     on_board[on_board] = board_index[rows.board[on_board]] >= 0
     point[on_board] = offset[board_index[rows.board[on_board]]] + rows.point[on_board]
 
-    ends, lengths, u_lengths, extra, extra_radius = [], [], [], [], []
+    ends, lengths, u_lengths, extra_radius = [], [], [], []
+    extra: list[np.ndarray] = []
     for bar in field.scale_bars:
         if bar.role != "control":
             continue
@@ -160,7 +165,8 @@ def _start(rows: Observations, field: Field, width_px: int, height_px: int) -> t
     network = Network(
         interior, np.ones(9, bool), station_poses[stations], board_poses[has_board][: len(boards)], 1.0, field.u_scale,
         local, owner, local, u, station_index[rows.station[used]], point[used], rows.xy_px[used], rows.cov_px2[used],
-        np.zeros((int(used.sum()), 2)), np.array(ends, int).reshape(-1, 2), np.array(lengths, float), np.array(u_lengths, float),
+        np.zeros((int(used.sum()), 2)), np.array(ends, int).reshape(-1, 2), np.array(lengths, float),
+        np.array(u_lengths, float),
     )  # fmt: skip
     graph = [
         (int(station_index[s]), int(board_index[b]), int(((rows.station == s) & (rows.board == b)).sum()))

@@ -80,7 +80,11 @@ class Radiance:
         """Write a one-channel float32 EXR."""
         import OpenEXR
 
-        header = {"compression": OpenEXR.ZIPS_COMPRESSION, "type": OpenEXR.scanlineimage, "station": self.station}
+        header = {
+            "compression": OpenEXR.ZIPS_COMPRESSION,
+            "type": OpenEXR.scanlineimage,
+            "station": self.station,
+        }
         with OpenEXR.File(header, {"Y": np.ascontiguousarray(self.values, np.float32)}) as file:
             file.write(str(path))
 

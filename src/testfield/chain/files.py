@@ -132,7 +132,11 @@ def disk_errors(folder: Path) -> Iterator[None]:
         yield
     except OSError as error:
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
-            raise TestfieldError("the disk is full", str(folder), "free some space; the same command continues from here") from error
+            raise TestfieldError(
+                "the disk is full", str(folder), "free some space; the same command continues from here"
+            ) from error
         if error.errno in (errno.EACCES, errno.EROFS, errno.EPERM, errno.ENOTDIR, errno.EEXIST):
-            raise TestfieldError(f"cannot be written ({error.strerror})", str(folder), "choose another folder with --out") from error
+            raise TestfieldError(
+                f"cannot be written ({error.strerror})", str(folder), "choose another folder with --out"
+            ) from error
         raise

@@ -10,7 +10,9 @@ def bar(title: str, total: float, unit: str) -> Iterator[Callable[[float], None]
     from tqdm import tqdm
 
     layout = "{desc:<12}{percentage:3.0f}% |{bar:30}| {n:.0f}/{total:.0f} {unit}  {elapsed}<{remaining}"
-    with tqdm(total=total, desc=title, unit=unit, disable=None, leave=True, bar_format=layout, mininterval=0.2) as meter:
+    with tqdm(
+        total=total, desc=title, unit=unit, disable=None, leave=True, bar_format=layout, mininterval=0.2
+    ) as meter:
 
         def move(amount: float) -> None:
             # Fractions of a unit do not add up to exactly one.

@@ -78,7 +78,7 @@ def begin(scene_path: Path, out: Path | None, seed: int | None, jobs: int) -> tu
     run.ledger.make("field.json", digest(run.world.field, code_digest("targets")), run.world.field.save)
     run.ledger.note(
         scene=scene.name, seed=scene.seed, command=" ".join(["testfield", *sys.argv[1:]]),
-        versions={"testfield": __version__, "python": platform.python_version(), **{name: _version(name) for name in PACKAGES}},
+        versions={"testfield": __version__, "python": platform.python_version()} | {p: _version(p) for p in PACKAGES},
         machine=f"{platform.system()} {platform.machine()}, {platform.processor() or 'processor not named'}",
         warnings=warnings,
     )  # fmt: skip
@@ -89,7 +89,9 @@ def resume(folder: Path, jobs: int) -> Run:
     """The run in a folder that `testfield run` or a person laid out."""
     path = folder / "scene.toml"
     if not path.is_file():
-        raise TestfieldError("no scene.toml here, so this is no run's folder", str(folder), "begin with `testfield run SCENE`")
+        raise TestfieldError(
+            "no scene.toml here, so this is no run's folder", str(folder), "begin with `testfield run SCENE`"
+        )
     return Run(folder, load_scene(path), str(path), Ledger(folder), jobs)
 
 

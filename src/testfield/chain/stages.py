@@ -45,7 +45,11 @@ def render(run: Run) -> bool:
                 "radiance/light.npz",
                 light_key,
                 lambda path: compute_irradiance(
-                    stage, settings.light_spacing_mm, settings.light_paths, seed_of(world.seed, "light") & 0x7FFFFFFF, move
+                    stage,
+                    settings.light_spacing_mm,
+                    settings.light_paths,
+                    seed_of(world.seed, "light") & 0x7FFFFFFF,
+                    move,
                 ).save(path),
             )
         light = Irradiance.load(light_path)
@@ -104,7 +108,11 @@ def detect(run: Run) -> bool:
     sources = [run.need(f"frames/{name}.png", "expose") for name in run.stations]
     sheets = [run.need(f"frames/{name}.json", "expose") for name in run.stations]
     key = digest(
-        code_digest(*SEEING, "detect"), [file_digest(p) for p in sources + sheets], run.field, measure.centroid, measure.smallest_diameter_px
+        code_digest(*SEEING, "detect"),
+        [file_digest(p) for p in sources + sheets],
+        run.field,
+        measure.centroid,
+        measure.smallest_diameter_px,
     )
     if run.ledger.fresh("observations.parquet", key):
         return False
@@ -144,13 +152,18 @@ def reconstruct(run: Run) -> bool:
     from testfield.detect.observations import Observations
     from testfield.registry import find
 
-    observations, calibration = run.need("observations.parquet", "detect"), run.need("calibration.json", "calibrate")
+    observations, calibration = (
+        run.need("observations.parquet", "detect"),
+        run.need("calibration.json", "calibrate"),
+    )
     method = run.scene.measure.reconstructor
     code = code_digest(*SEEING, "adjust", "reconstruct")
     key = digest(code, file_digest(observations), file_digest(calibration), run.field, method)
 
     def write(path: Path) -> None:
-        find("reconstructors", method)(Observations.load(observations), Calibration.load(calibration), run.field).save(path)
+        find("reconstructors", method)(Observations.load(observations), Calibration.load(calibration), run.field).save(
+            path
+        )
 
     return run.ledger.make("points.parquet", key, write)
 
@@ -162,10 +175,19 @@ def score(run: Run) -> bool:
 
     inputs = [run.need(name, maker) for name, maker in MEASURED]
     write_truth(run)
-    times = {name: run.ledger.notes.get("time_s", {}).get(name, 0.0) for name in STAGES if name not in ("score", "report")}
-    key = digest(code_digest(*SEEING, "scene", "score"), [file_digest(p) for p in inputs], run.scene.model_dump(), times)
+    times = {
+        name: run.ledger.notes.get("time_s", {}).get(name, 0.0) for name in STAGES if name not in ("score", "report")
+    }
+    key = digest(
+        code_digest(*SEEING, "scene", "score"),
+        [file_digest(p) for p in inputs],
+        run.scene.model_dump(),
+        times,
+    )
     return run.ledger.make(
-        "scorecard.json", key, lambda path: write_scorecard(scorecard(run.world, run.views, *inputs) | {"time_s": times}, path)
+        "scorecard.json",
+        key,
+        lambda path: write_scorecard(scorecard(run.world, run.views, *inputs) | {"time_s": times}, path),
     )
 
 
@@ -175,14 +197,26 @@ def report(run: Run) -> bool:
 
     inputs = [run.need(name, maker) for name, maker in MEASURED] + [run.need("scorecard.json", "score")]
     frames = [run.need(f"frames/{name}.png", "expose") for name in run.stations]
-    key = digest(code_digest(*SEEING, "scene", "score", "report"), [file_digest(p) for p in inputs + frames], run.scene.model_dump())
+    key = digest(
+        code_digest(*SEEING, "scene", "score", "report"),
+        [file_digest(p) for p in inputs + frames],
+        run.scene.model_dump(),
+    )
     with bar("report", 1, "page") as move:
-        made = run.ledger.make("report.html", key, lambda path: write_report(run.world, run.views, run.scene, run.folder, run.ledger.notes, path))
+        made = run.ledger.make(
+            "report.html",
+            key,
+            lambda path: write_report(run.world, run.views, run.scene, run.folder, run.ledger.notes, path),
+        )
         move(1)
     return made
 
 
-MEASURED = (("observations.parquet", "detect"), ("calibration.json", "calibrate"), ("points.parquet", "reconstruct"))
+MEASURED = (
+    ("observations.parquet", "detect"),
+    ("calibration.json", "calibrate"),
+    ("points.parquet", "reconstruct"),
+)
 STAGES: dict[str, Callable[[Run], bool]] = {
     "render": render,
     "expose": expose,

@@ -14,7 +14,8 @@ def parser() -> argparse.ArgumentParser:
     """The parser with all commands."""
     top = argparse.ArgumentParser(
         prog="testfield",
-        description="A rendered test field for vision metrology: from a scene file to images, measured and scored against the truth.",
+        description="A rendered test field for vision metrology: "
+        "from a scene file to images, measured and scored against the truth.",
     )
     commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for name in COMMANDS:

@@ -7,7 +7,11 @@ from typing import Any
 
 def add(commands: Any) -> None:
     """Enter the command."""
-    p = commands.add_parser("preview", help="plan, elevation and one quick view of a scene, as PNG, in seconds", description=__doc__)
+    p = commands.add_parser(
+        "preview",
+        help="plan, elevation and one quick view of a scene, as PNG, in seconds",
+        description=__doc__,
+    )
     p.add_argument("scene", type=Path, metavar="SCENE", help="a scene file (TOML)")
     p.add_argument("--station", metavar="NAME", help="whose view (default: the first)")
     p.add_argument("--out", type=Path, metavar="FILE", help="the picture (default: renders/<scene's name>-preview.png)")

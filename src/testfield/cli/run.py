@@ -12,7 +12,13 @@ def add(commands: Any) -> None:
     p.add_argument("scene", type=Path, metavar="SCENE", help="a scene file (TOML)")
     p.add_argument("--out", type=Path, metavar="FOLDER", help="the run's folder (default: renders/<scene's name>)")
     p.add_argument("--seed", type=int, metavar="N", help="another seed than the scene file's")
-    p.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes at once (default: one a core)")
+    p.add_argument(
+        "--jobs",
+        type=int,
+        default=os.cpu_count() or 1,
+        metavar="N",
+        help="processes at once (default: one a core)",
+    )
     p.add_argument("--json", action="store_true", help="print the scorecard as one JSON object")
     p.set_defaults(act=act)
 

@@ -19,9 +19,19 @@ STAGES = {
 def add(commands: Any) -> None:
     """Enter the seven commands."""
     for name, what in STAGES.items():
-        p = commands.add_parser(name, help=what, description=f"One stage alone: {what}. Its inputs are taken from the folder as they are.")
+        p = commands.add_parser(
+            name,
+            help=what,
+            description=f"One stage alone: {what}. Its inputs are taken from the folder as they are.",
+        )
         p.add_argument("run", type=Path, metavar="RUN", help="a run's folder")
-        p.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes at once (default: one a core)")
+        p.add_argument(
+            "--jobs",
+            type=int,
+            default=os.cpu_count() or 1,
+            metavar="N",
+            help="processes at once (default: one a core)",
+        )
         p.set_defaults(act=act, stage=name)
 
 

@@ -7,7 +7,9 @@ from typing import Any
 
 def add(commands: Any) -> None:
     """Enter the command."""
-    p = commands.add_parser("validate", help="check a scene file and say what it holds, without rendering", description=__doc__)
+    p = commands.add_parser(
+        "validate", help="check a scene file and say what it holds, without rendering", description=__doc__
+    )
     p.add_argument("scene", type=Path, metavar="SCENE", help="a scene file (TOML)")
     p.set_defaults(act=act)
 
@@ -26,8 +28,10 @@ def act(args: argparse.Namespace) -> int:
     show_warnings(check_scene(run.scene, world, run.views, str(args.scene)))
     marks, seen = world.marks, run.views.visible == 1
     print(f"{args.scene}: valid")
-    print(f"  {len(world.field.boards)} boards with {(marks.role == BOARD).sum()} marks, {(marks.role == CHECK).sum()} check targets, ", end="")
-    print(f"{len(world.field.scale_bars)} scale bars ({(marks.role == BAR).sum()} ends)")
+    count = {role: int((marks.role == role).sum()) for role in (BOARD, CHECK, BAR)}
+    print(f"  {len(world.field.boards)} boards with {count[BOARD]} marks, {count[CHECK]} check targets, ", end="")
+    print(f"{len(world.field.scale_bars)} scale bars ({count[BAR]} ends)")
     sizes = run.views.diameter_px[seen]
-    print(f"  {len(world.station_name)} stations; {seen.sum()} full views of marks, {sizes.min():.1f} to {sizes.max():.1f} px wide")
+    print(f"  {len(world.station_name)} stations; {seen.sum()} full views of marks, ", end="")
+    print(f"{sizes.min():.1f} to {sizes.max():.1f} px wide")
     return 0

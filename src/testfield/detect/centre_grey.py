@@ -34,5 +34,8 @@ def grey_centroid(image_dn: np.ndarray, sheet: SensorSheet, xy_px: np.ndarray, m
         moments = np.stack([np.stack([mxx, mxy], -1), np.stack([mxy, myy], -1)], -2)
         ok = (white > black) & (binary.sum(1) >= 6)
         nothing = np.zeros(len(rows))
-        found.put(rows, Centres(np.column_stack([cx, cy]), covariance, moments, white - black, black, nothing + 1, nothing, ok))
+        found.put(
+            rows,
+            Centres(np.column_stack([cx, cy]), covariance, moments, white - black, black, nothing + 1, nothing, ok),
+        )
     return found

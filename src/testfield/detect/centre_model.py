@@ -27,7 +27,9 @@ def ellipse_model(image_dn: np.ndarray, sheet: SensorSheet, xy_px: np.ndarray, m
     return found
 
 
-def _fit(values: np.ndarray, x: np.ndarray, y: np.ndarray, sheet: SensorSheet, xy: np.ndarray, moments: np.ndarray) -> Centres:
+def _fit(
+    values: np.ndarray, x: np.ndarray, y: np.ndarray, sheet: SensorSheet, xy: np.ndarray, moments: np.ndarray
+) -> Centres:
     n = len(values)
     shape = np.linalg.inv(4 * moments)
     origin = np.rint(xy)
@@ -81,8 +83,8 @@ def _fit(values: np.ndarray, x: np.ndarray, y: np.ndarray, sheet: SensorSheet, x
     excess = (use * (residual**2 - sheet.variance_dn2(model))).sum(axis=1) / np.maximum(use.sum(axis=1), 1)
     misfit = np.sqrt(np.maximum(excess, 0)) / theta[:, CONTRAST]
     return Centres(
-        theta[:, :2] + origin, covariance, np.linalg.inv(_shape(theta)) / 4, theta[:, CONTRAST], theta[:, BACKGROUND], chi2, misfit,
-        converged,
+        theta[:, :2] + origin, covariance, np.linalg.inv(_shape(theta)) / 4, theta[:, CONTRAST],
+        theta[:, BACKGROUND], chi2, misfit, converged,
     )  # fmt: skip
 
 

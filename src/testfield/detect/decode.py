@@ -13,7 +13,12 @@ CLEAR = 0.2
 
 
 def decode(
-    image_dn: np.ndarray, xy_px: np.ndarray, moments_px2: np.ndarray, contrast_dn: np.ndarray, background_dn: np.ndarray, bits: int
+    image_dn: np.ndarray,
+    xy_px: np.ndarray,
+    moments_px2: np.ndarray,
+    contrast_dn: np.ndarray,
+    background_dn: np.ndarray,
+    bits: int,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Read the rings of n dots from an image (h, w) float32 of bright marks; arguments as in `Centres`.
 
@@ -30,7 +35,9 @@ def decode(
         angle = 2 * np.pi * (np.arange(count) + 0.5) / count
         total = np.zeros((len(xy_px), count))
         for radius in radii:
-            at = xy_px[:, None, :] + radius * np.einsum("nij,kj->nki", circle, np.column_stack([np.cos(angle), np.sin(angle)]))
+            at = xy_px[:, None, :] + radius * np.einsum(
+                "nij,kj->nki", circle, np.column_stack([np.cos(angle), np.sin(angle)])
+            )
             total += _remap(image_dn, at)
         return (total / len(radii) - background_dn[:, None]) / contrast_dn[:, None]
 

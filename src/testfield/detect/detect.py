@@ -44,7 +44,10 @@ def detect(frame: Frame, field: Field, centroid: str, smallest_px: float) -> Obs
         diameter = 4 * np.maximum(m[:, 0, 0] * m[:, 1, 1] - m[:, 0, 1] ** 2, 0) ** 0.25
         for bad, why in (
             (centres.misfit > WORST_MISFIT, "not an ellipse"),
-            ((centres.misfit > DISTURBED) & (centres.chi2 > DISTURBED_CHI2 * usual), "partly hidden or disturbed"),
+            (
+                (centres.misfit > DISTURBED) & (centres.chi2 > DISTURBED_CHI2 * usual),
+                "partly hidden or disturbed",
+            ),
             (centres.contrast_dn < LEAST_CONTRAST * noise, "too little contrast"),
             (saturated, "saturated"),
             (diameter < smallest_px, "too small"),
@@ -54,7 +57,12 @@ def detect(frame: Frame, field: Field, centroid: str, smallest_px: float) -> Obs
     code, affine = np.full(n, -2), np.full((n, 2, 2), np.nan)
     good = status == MEASURED
     code[good], affine[good] = decode(
-        image, centres.xy_px[good], centres.moments_px2[good], centres.contrast_dn[good], centres.background_dn[good], field.bits
+        image,
+        centres.xy_px[good],
+        centres.moments_px2[good],
+        centres.contrast_dn[good],
+        centres.background_dn[good],
+        field.bits,
     )
     status[good & (code == -2)] = "surroundings are not a target's"
     status[good & (code == -1)] = "ring cannot be read"

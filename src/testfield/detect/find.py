@@ -21,12 +21,14 @@ def find_blobs(
     window = int(largest_px) | 1
     mean = cv2.blur(image_dn, (window, window), borderType=cv2.BORDER_REFLECT)
     bright = (image_dn - mean) > NOISE_FACTOR * np.sqrt(sheet.variance_dn2(mean)).astype(np.float32)
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(bright.astype(np.uint8), connectivity=4)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(bright.astype(np.uint8), connectivity=4)
     x0, y0, width, height, area = stats.T
     h, w = image_dn.shape
     small = 0.5 * np.pi / 4 * smallest_px**2
     keep = (area >= max(small * FLATTEST, 6)) & (np.maximum(width, height) <= 1.3 * largest_px)
-    keep &= (np.maximum(width, height) >= 0.7 * smallest_px) & (x0 > 0) & (y0 > 0) & (x0 + width < w) & (y0 + height < h)
+    keep &= (
+        (np.maximum(width, height) >= 0.7 * smallest_px) & (x0 > 0) & (y0 > 0) & (x0 + width < w) & (y0 + height < h)
+    )
     keep[0] = False
 
     # Moments of all kept blobs in one sweep over their pixels.

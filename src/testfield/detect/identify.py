@@ -15,7 +15,9 @@ DOT_TOLERANCE = 0.3
 """Fraction of the local spacing of dots by which a dot may miss its predicted place."""
 
 
-def identify(xy_px: np.ndarray, code: np.ndarray, affine: np.ndarray, field: Field) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def identify(
+    xy_px: np.ndarray, code: np.ndarray, affine: np.ndarray, field: Field
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Board (n,) and point (n,) index of each detection of one image, -1 for none, and the reason (n,) where refused.
 
     `affine` (n, 2, 2) is each code's own map from its plane, in dot radii, to px: it lets two codes stand for a board
@@ -49,7 +51,9 @@ def identify(xy_px: np.ndarray, code: np.ndarray, affine: np.ndarray, field: Fie
         board[mine[consistent]], point[mine[consistent]] = b, index[consistent]
         free = np.flatnonzero((code == 0) & (board == -1))
         dots = np.flatnonzero(sheet.marks.code == 0)
-        for detection, dot in _grow(sheet.marks.xy_mm, homography, index[consistent], xy_px[mine[consistent]], dots, xy_px, free):
+        for detection, dot in _grow(
+            sheet.marks.xy_mm, homography, index[consistent], xy_px[mine[consistent]], dots, xy_px, free
+        ):
             board[detection], point[detection] = b, dot
     return board, point, reason
 
@@ -66,22 +70,31 @@ def _carry(layout: np.ndarray, image: np.ndarray, spread: np.ndarray) -> tuple[n
     if len(layout) + 2 * turned.sum() < 4:
         return nothing, None
     source = np.concatenate([layout, (layout[turned][:, None] + arm[1:]).reshape(-1, 2)])
-    target = np.concatenate([image, (image[turned][:, None] + np.einsum("nij,kj->nki", spread[turned], arm[1:])).reshape(-1, 2)])
+    target = np.concatenate(
+        [image, (image[turned][:, None] + np.einsum("nij,kj->nki", spread[turned], arm[1:])).reshape(-1, 2)]
+    )
     model, mask = cv2.findHomography(source, target, cv2.RANSAC, CODE_TOLERANCE_PX)
     keep = nothing if mask is None else mask.ravel()[: len(layout)].astype(bool)
     return (keep, model) if keep.sum() >= LEAST_CODES else (nothing, None)
 
 
 def _grow(
-    layout: np.ndarray, homography: np.ndarray, known: np.ndarray, known_px: np.ndarray,
-    dots: np.ndarray, xy_px: np.ndarray, free: np.ndarray,
+    layout: np.ndarray,
+    homography: np.ndarray,
+    known: np.ndarray,
+    known_px: np.ndarray,
+    dots: np.ndarray,
+    xy_px: np.ndarray,
+    free: np.ndarray,
 ) -> list[tuple[int, int]]:
     """Pairs (detection, dot): ring by ring outwards from the marks that are known."""
     pairs: list[tuple[int, int]] = []
     if len(free) == 0 or len(dots) == 0:
         return pairs
     found = cKDTree(xy_px[free])
-    spacing = np.median(cKDTree(layout[dots]).query(layout[dots], k=min(2, len(dots)))[0][:, -1]) if len(dots) > 1 else 1.0
+    spacing = (
+        np.median(cKDTree(layout[dots]).query(layout[dots], k=min(2, len(dots)))[0][:, -1]) if len(dots) > 1 else 1.0
+    )
     left, taken = dots.copy(), np.zeros(len(free), bool)
     reach = 2.5 * spacing
     while len(left):
@@ -91,13 +104,15 @@ def _grow(
                 break
         residual = known_px - _apply(homography, layout[known])
         near, neighbours = cKDTree(layout[known]).query(layout[left], k=min(4, len(known)))
-        edge = near[:, 0] <= reach
-        if not edge.any():
-            break
+        # Across an empty strip of the board the nearest dots are the next step, however far they are.
+        edge = near[:, 0] <= max(reach, 1.2 * near[:, 0].min())
         at = layout[left[edge]]
         predicted = _apply(homography, at) + residual[neighbours[edge]].mean(axis=1)
         # The local spacing in px: what one spacing on the board becomes here, in its shorter direction.
-        steps = [np.linalg.norm(_apply(homography, at + s) - _apply(homography, at), axis=1) for s in ([spacing, 0], [0, spacing])]
+        steps = [
+            np.linalg.norm(_apply(homography, at + s) - _apply(homography, at), axis=1)
+            for s in ([spacing, 0], [0, spacing])
+        ]
         tolerance = DOT_TOLERANCE * np.minimum(*steps)
         distance, hit = found.query(predicted)
         good = (distance < tolerance) & ~taken[hit]

@@ -1,7 +1,8 @@
 """What detection hands on: one row for each blob that was looked at, measured or turned down with a reason."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -37,9 +38,7 @@ class Observations:
 
     def take(self, rows: np.ndarray) -> "Observations":
         """The rows of an index or a mask."""
-        return Observations(
-            self.stations, *(getattr(self, f.name)[rows] for f in fields(self)[1:-1]), self.centre_of_disc
-        )
+        return replace(self, **{f.name: getattr(self, f.name)[rows] for f in fields(self)[1:-1]})
 
     @property
     def measured(self) -> "Observations":
@@ -55,13 +54,13 @@ class Observations:
     @staticmethod
     def join(parts: list["Observations"], stations: tuple[str, ...]) -> "Observations":
         """One set from one part for each station, in order."""
-        columns = []
+        columns: dict[str, Any] = {}
         for f in fields(Observations)[1:-1]:
             values = [getattr(part, f.name) for part in parts]
             if f.name == "station":
                 values = [np.full(len(part), k) for k, part in enumerate(parts)]
-            columns.append(np.concatenate(values))
-        return Observations(stations, *columns, parts[0].centre_of_disc)
+            columns[f.name] = np.concatenate(values)
+        return replace(parts[0], stations=stations, **columns)
 
     def save(self, path: Path) -> None:
         """Write as Parquet, one row an observation; matrices as their columns."""
@@ -75,7 +74,8 @@ class Observations:
                 "x_px": self.xy_px[:, 0], "y_px": self.xy_px[:, 1],
                 "cov_xx_px2": cov[:, 0, 0], "cov_xy_px2": cov[:, 0, 1], "cov_yy_px2": cov[:, 1, 1],
                 "moment_xx_px2": moments[:, 0, 0], "moment_xy_px2": moments[:, 0, 1], "moment_yy_px2": moments[:, 1, 1],
-                "code": self.code, "board": self.board, "point": self.point, "chi2": self.chi2, "status": self.status.astype(str),
+                "code": self.code, "board": self.board, "point": self.point, "chi2": self.chi2,
+                "status": self.status.astype(str),
             }
         )  # fmt: skip
         notes = {"stations": "\n".join(self.stations), "centre_of_disc": str(self.centre_of_disc)}

@@ -65,7 +65,9 @@ def reconstruct(observations: Observations, calibration: Calibration, field: Fie
     )  # fmt: skip
 
 
-def _solve(rows: Observations, station: np.ndarray, calibration: Calibration, radius_mm: float, method: str) -> _Solved | None:
+def _solve(
+    rows: Observations, station: np.ndarray, calibration: Calibration, radius_mm: float, method: str
+) -> _Solved | None:
     rejected = 0
     while len(rows) >= 2:
         answer, worst, size = _estimate(rows, station, calibration, radius_mm, method, rejected)
@@ -77,7 +79,12 @@ def _solve(rows: Observations, station: np.ndarray, calibration: Calibration, ra
 
 
 def _estimate(
-    rows: Observations, station: np.ndarray, calibration: Calibration, radius_mm: float, method: str, rejected: int
+    rows: Observations,
+    station: np.ndarray,
+    calibration: Calibration,
+    radius_mm: float,
+    method: str,
+    rejected: int,
 ) -> tuple[_Solved, int, float]:
     """The point, and its worst ray with the size of that ray's residual in standard deviations."""
     interior, poses = calibration.interior, calibration.stations[station]
@@ -110,7 +117,9 @@ def _estimate(
         if np.abs(step).max() < 1e-10:
             break
     leftover = (residual.ravel() - J @ step).reshape(k, 2)
-    sizes = [float(np.sqrt(r @ np.linalg.solve(S[2 * i : 2 * i + 2, 2 * i : 2 * i + 2], r))) for i, r in enumerate(leftover)]
+    sizes = [
+        float(np.sqrt(r @ np.linalg.solve(S[2 * i : 2 * i + 2, 2 * i : 2 * i + 2], r))) for i, r in enumerate(leftover)
+    ]
     worst = int(np.argmax(sizes))
     return _Solved(x, gain @ noise @ gain.T, -gain @ G, leftover, k, rejected), worst, sizes[worst]
 

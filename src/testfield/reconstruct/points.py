@@ -68,7 +68,11 @@ class Points:
         table = pq.read_table(path)
         column = {name: table[name].to_numpy(zero_copy_only=False) for name in table.column_names}
         n = len(column["code"])
-        covariance = np.concatenate([np.asarray(row) for row in column["cov_rows_mm2"]]).reshape(3 * n, 3 * n) if n else np.zeros((0, 0))
+        covariance = (
+            np.concatenate([np.asarray(row) for row in column["cov_rows_mm2"]]).reshape(3 * n, 3 * n)
+            if n
+            else np.zeros((0, 0))
+        )
         xyz = np.column_stack([column[f"{axis}_mm"] for axis in "xyz"])
         return Points(
             table.schema.metadata[b"method"].decode(), column["code"], xyz, covariance, column["rays"],

@@ -62,7 +62,7 @@ def _camera_class() -> type:
     mi = mitsuba()
     import drjit as dr
 
-    class DistortedCamera(mi.Sensor):
+    class DistortedCamera(mi.Sensor):  # type: ignore[name-defined]
         def __init__(self, props: Any):
             super().__init__(props)
             size = self.film().size()

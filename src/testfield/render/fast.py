@@ -6,6 +6,7 @@ blur and the pixel's area are one weighting of the cells. There is no Monte Carl
 """
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from scipy.special import erf
@@ -20,7 +21,11 @@ CELLS_A_PASS = 6_000_000
 
 
 def render_fast(
-    stage: Stage, light: Irradiance, station: int, cells: int, progress: Callable[[float], None] = lambda _: None
+    stage: Stage,
+    light: Irradiance,
+    station: int,
+    cells: int,
+    progress: Callable[[float], None] = lambda _: None,
 ) -> Radiance:
     """Radiance image of one station, noise-free.
 
@@ -46,7 +51,14 @@ def render_fast(
 
 
 def _shade(
-    stage: Stage, lookup: IrradianceLookup, rays: CameraRays, rows: int, columns: int, cells: int, top: int, left: int
+    stage: Stage,
+    lookup: IrradianceLookup,
+    rays: CameraRays,
+    rows: int,
+    columns: int,
+    cells: int,
+    top: int,
+    left: int,
 ) -> np.ndarray:
     """(rows, columns) mean radiance of each cell; the first cell is the corner of pixel (left, top)."""
     mi = mitsuba()
@@ -59,16 +71,19 @@ def _shade(
     direction, by_x, by_y = rays.direction(x_px, y_px)
     length = dr.norm(direction)
     ray = mi.Ray3f(rays.origin, direction / length)
-    hit = stage.scene.ray_intersect(ray, ray_flags=mi.RayFlags.Minimal | mi.RayFlags.UV | mi.RayFlags.dPdUV, coherent=True)
+    hit = stage.scene.ray_intersect(
+        ray, ray_flags=mi.RayFlags.Minimal | mi.RayFlags.UV | mi.RayFlags.dPdUV, coherent=True
+    )
 
     # Where the cell's edges meet the panel's plane: the change of the hit point by one cell in x and in y.
     depth = hit.t / length
     slope = dr.dot(direction, hit.n)
 
-    def footprint(by: mi.Vector3f) -> mi.Vector2f:
+    def footprint(by: Any) -> Any:
         shift = (by - direction * (dr.dot(by, hit.n) / slope)) * (depth / cells)
         return mi.Vector2f(
-            dr.dot(shift, hit.dp_du) / dr.squared_norm(hit.dp_du), dr.dot(shift, hit.dp_dv) / dr.squared_norm(hit.dp_dv)
+            dr.dot(shift, hit.dp_du) / dr.squared_norm(hit.dp_du),
+            dr.dot(shift, hit.dp_dv) / dr.squared_norm(hit.dp_dv),
         )
 
     hit.duv_dx, hit.duv_dy = footprint(by_x), footprint(by_y)
@@ -96,7 +111,9 @@ def pixel_weights(cells: int, psf_sigma_px: float) -> tuple[np.ndarray, int]:
     edges = np.arange(cells * (2 * margin + 1) + 1) / cells - margin - 0.5
 
     def twice_integrated(x: np.ndarray) -> np.ndarray:  # of the Gaussian
-        return x * (1 + erf(x / (sigma * np.sqrt(2)))) / 2 + sigma * np.exp(-((x / sigma) ** 2) / 2) / np.sqrt(2 * np.pi)
+        return x * (1 + erf(x / (sigma * np.sqrt(2)))) / 2 + sigma * np.exp(-((x / sigma) ** 2) / 2) / np.sqrt(
+            2 * np.pi
+        )
 
     weights = np.diff(twice_integrated(edges + 0.5) - twice_integrated(edges - 0.5))
     return weights / weights.sum(), margin

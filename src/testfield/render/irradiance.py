@@ -103,7 +103,9 @@ def compute_irradiance(
     )
 
 
-def _sample(stage: Stage, points: np.ndarray, normals: np.ndarray, tangents: np.ndarray, paths: int, seed: int) -> np.ndarray:
+def _sample(
+    stage: Stage, points: np.ndarray, normals: np.ndarray, tangents: np.ndarray, paths: int, seed: int
+) -> np.ndarray:
     """(points, paths) unbiased estimates of irradiance."""
     mi = mitsuba()
     import drjit as dr
@@ -112,7 +114,9 @@ def _sample(stage: Stage, points: np.ndarray, normals: np.ndarray, tangents: np.
     point = dr.arange(mi.UInt32, count) // dr.opaque(mi.UInt32, paths)
 
     def at(values: np.ndarray) -> Any:
-        return mi.Vector3f(*[dr.gather(mi.Float, mi.Float(np.ascontiguousarray(values[:, k], np.float32)), point) for k in range(3)])
+        return mi.Vector3f(
+            *[dr.gather(mi.Float, mi.Float(np.ascontiguousarray(values[:, k], np.float32)), point) for k in range(3)]
+        )
 
     position, normal, tangent = mi.Point3f(at(points)), at(normals), at(tangents)
     sampler = mi.load_dict({"type": "independent"})
@@ -123,7 +127,11 @@ def _sample(stage: Stage, points: np.ndarray, normals: np.ndarray, tangents: np.
         rotation, origin = light.world_from_light.R[0], light.world_from_light.t_mm[0]
         across, up, facing = (mi.Vector3f(*rotation[:, k].tolist()) for k in range(3))
         sample = sampler.next_2d()
-        target = mi.Point3f(*origin.tolist()) + across * ((sample.x - 0.5) * light.size_mm[0]) + up * ((sample.y - 0.5) * light.size_mm[1])
+        target = (
+            mi.Point3f(*origin.tolist())
+            + across * ((sample.x - 0.5) * light.size_mm[0])
+            + up * ((sample.y - 0.5) * light.size_mm[1])
+        )
         towards = target - position
         distance2 = dr.squared_norm(towards)
         direction = towards * dr.rsqrt(distance2)
@@ -160,7 +168,9 @@ def _nodes(mean: np.ndarray, variance: np.ndarray) -> tuple[np.ndarray, bool]:
         terms = (degree + 1) ** 2
         if terms * 2 > mean.size or degree >= min(rows, columns):
             break
-        basis = np.einsum("yi,xj->yxij", chebyshev.chebvander(y, degree), chebyshev.chebvander(x, degree)).reshape(-1, terms)
+        basis = np.einsum("yi,xj->yxij", chebyshev.chebvander(y, degree), chebyshev.chebvander(x, degree)).reshape(
+            -1, terms
+        )
         solution, *_ = np.linalg.lstsq(basis * weight.reshape(-1, 1), (mean * weight).ravel(), rcond=None)
         residual = (mean.ravel() - basis @ solution) * weight.ravel()
         if residual @ residual < (1 + 3 * np.sqrt(2 / (mean.size - terms))) * (mean.size - terms):

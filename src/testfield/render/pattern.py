@@ -25,7 +25,9 @@ class PatternTables:
         extent = marks.diameter_mm / 2 * np.where(marks.code > 0, RING_OUTER, 1.0)
         words = np.zeros(len(marks), np.uint32)
         words[marks.code > 0] = word_of_number(marks.code[marks.code > 0], bits)
-        cells = [_cells(size, marks.xy_mm, extent, np.flatnonzero(marks.panel == k)) for k, size in enumerate(panels.size_mm)]
+        cells = [
+            _cells(size, marks.xy_mm, extent, np.flatnonzero(marks.panel == k)) for k, size in enumerate(panels.size_mm)
+        ]
         self.candidates = max((cell.shape[2] for cell in cells), default=1)
         padded = [np.pad(c, ((0, 0), (0, 0), (0, self.candidates - c.shape[2])), constant_values=-1) for c in cells]
         starts = np.cumsum([0] + [p.size for p in padded[:-1]])
@@ -136,14 +138,15 @@ def pattern_texture_class() -> type:
     mi = mitsuba()
     import drjit as dr
 
-    class PatternTexture(mi.Texture):
+    class PatternTexture(mi.Texture):  # type: ignore[name-defined]
         def __init__(self, props: Any):
             super().__init__(props)
             self.tables: PatternTables | None = None
             self.panel_of_shape: Any = None
 
         def panel(self, si: Any) -> Any:
-            return dr.gather(mi.UInt32, self.panel_of_shape, dr.reinterpret_array(mi.UInt32, si.shape))
+            number: Any = dr.reinterpret_array(mi.UInt32, si.shape)
+            return dr.gather(mi.UInt32, self.panel_of_shape, number)
 
         def eval_1(self, si, active=True):  # type: ignore[no-untyped-def]
             tables = self.tables

@@ -22,7 +22,11 @@ def quick_view(world: World, station: int) -> Radiance:
     parameters[:2] *= shrink
     parameters[2:4] = (parameters[2:4] + 0.5) * shrink - 0.5
     width, height = (int(np.ceil(n * shrink)) for n in (world.interior.width_px, world.interior.height_px))
-    small = replace(world, interior=replace(world.interior, width_px=width, height_px=height, parameters=parameters), psf_sigma_px=0.0)
+    small = replace(
+        world,
+        interior=replace(world.interior, width_px=width, height_px=height, parameters=parameters),
+        psf_sigma_px=0.0,
+    )
     stage = build_stage(small)
     light = compute_irradiance(stage, SPACING_MM, PATHS, 1, lambda _: None)
     return render_fast(stage, light, station, 3)

@@ -43,12 +43,19 @@ def build_stage(world: World) -> Stage:
             "emitter": {"type": "area", "radiance": {"type": "uniform", "value": light.radiance}},
         }
     if world.ambient_radiance > 0:
-        parts["ambient"] = {"type": "constant", "radiance": {"type": "uniform", "value": world.ambient_radiance}}
+        parts["ambient"] = {
+            "type": "constant",
+            "radiance": {"type": "uniform", "value": world.ambient_radiance},
+        }
     # optimize=True would merge all panels into one shape, and a hit could no longer tell its panel.
     scene = mi.load_dict(parts, optimize=False)
 
     # Dr.Jit numbers shapes in an order of its own; this table leads from its number to the panel's.
-    numbers = {shape.id(): int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))[0]) for shape in scene.shapes()}
+    def number(shape: Any) -> int:
+        index: Any = dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))
+        return int(index[0])
+
+    numbers = {shape.id(): number(shape) for shape in scene.shapes()}
     table = np.zeros(max(numbers.values()) + 1, np.uint32)
     for k in range(len(world.panels)):
         table[numbers[f"panel{k:05d}"]] = k

@@ -41,7 +41,10 @@ def detections(frame: Frame, observations: Observations) -> bytes:
         if code:
             place = (round(x + 3.2 * axes[0]), round(y - 1.5 * axes[0]))
             cv2.putText(colour, str(code), place, cv2.FONT_HERSHEY_SIMPLEX, 0.75, tint, 2, cv2.LINE_AA)
-    size = (round(colour.shape[1] * min(1.0, PICTURE_WIDTH / grey.shape[1])), round(colour.shape[0] * min(1.0, PICTURE_WIDTH / grey.shape[1])))
+    size = (
+        round(colour.shape[1] * min(1.0, PICTURE_WIDTH / grey.shape[1])),
+        round(colour.shape[0] * min(1.0, PICTURE_WIDTH / grey.shape[1])),
+    )
     small = cv2.resize(colour, size, interpolation=cv2.INTER_AREA) if scale == 1.0 else colour
     return cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, 88])[1].tobytes()
 
@@ -55,12 +58,30 @@ def residual_map(calibration: Calibration) -> bytes:
     index = (calibration.residual_at_px // cell).astype(int).clip(0, [columns - 1, rows - 1]) @ [1, columns]
     count = np.bincount(index, minlength=rows * columns)
     with np.errstate(invalid="ignore"):
-        mean = np.stack([np.bincount(index, weights=calibration.residual_px[:, k], minlength=rows * columns) / count for k in (0, 1)], -1)
+        mean = np.stack(
+            [
+                np.bincount(index, weights=calibration.residual_px[:, k], minlength=rows * columns) / count
+                for k in (0, 1)
+            ],
+            -1,
+        )
     enough = count >= 3
-    x, y = (np.arange(rows * columns) % columns + 0.5) * cell, (np.arange(rows * columns) // columns + 0.5) * cell
+    x, y = (
+        (np.arange(rows * columns) % columns + 0.5) * cell,
+        (np.arange(rows * columns) // columns + 0.5) * cell,
+    )
     unit = _round_up(np.percentile(np.linalg.norm(mean[enough], axis=1), 90)) if enough.any() else 0.01
     with figure(6.1, 6.1 * interior.height_px / interior.width_px + 0.55) as (drawing, axes):
-        arrows = axes.quiver(x[enough], y[enough], *mean[enough].T, angles="xy", scale_units="xy", scale=unit / cell, color=ACCENT, width=0.0028)
+        arrows = axes.quiver(
+            x[enough],
+            y[enough],
+            *mean[enough].T,
+            angles="xy",
+            scale_units="xy",
+            scale=unit / cell,
+            color=ACCENT,
+            width=0.0028,
+        )
         axes.quiverkey(arrows, 0.86, 1.03, unit, f"{unit:g} px", labelpos="E")
         axes.set_xlim(0, interior.width_px)
         axes.set_ylim(interior.height_px, 0)
@@ -77,18 +98,21 @@ def field_plan(world: World, calibration: Calibration, score: PointScore) -> byt
     true, error = score.true_mm @ R.T + t, score.error_mm @ R.T
     span = np.ptp(true, axis=0).max() if len(true) else 1000.0
     size = np.sqrt((score.u_mm**2).mean()) if len(true) else 1.0
-    factor = _round_up(0.05 * span / (2.45 * size))
+    factor = _round_up(0.02 * span / (2.45 * size))
     # Both parts are wide, so they stand one above the other on the same axis.
-    with figure(6.1, 7.4) as (drawing, _axes):
-        drawing.clear()
-        for place, plane, title in ((2, PLAN, "plan"), (1, ELEVATION, "elevation")):
-            axes = drawing.add_subplot(2, 1, place)
-            draw_field(axes, world, plane, frusta=False)
+    with figure(6.1, 7.4, rows=2, sharex=True) as (drawing, both):
+        for axes, plane, title in zip(both, (ELEVATION, PLAN), ("elevation", "plan"), strict=True):
+            draw_field(axes, world, plane, stations=False)
             for k in range(len(true)):
                 covariance = R @ score.covariance(k) @ R.T
                 ring = _ellipse(covariance[np.ix_(plane, plane)], 2.4477 * factor) + true[k][list(plane)]
                 axes.plot(*(ring / 1000).T, color=ACCENT, lw=0.9, zorder=7)
-                axes.plot(*((true[k] + np.outer([0, factor], error[k]))[:, plane] / 1000).T, color=WARM, lw=1.3, zorder=8)
+                axes.plot(
+                    *((true[k] + np.outer([0, factor], error[k]))[:, plane] / 1000).T,
+                    color=WARM,
+                    lw=1.3,
+                    zorder=8,
+                )
             low, high = (f(world.mark_world_mm[:, plane] / 1000, axis=0) for f in (np.min, np.max))
             axes.set_xlim(low[0] - 0.35, high[0] + 0.35)
             axes.set_ylim(low[1] - 0.35, high[1] + 0.35)

@@ -61,7 +61,9 @@ def write_report(world: World, views: Views, scene: SceneFile, folder: Path, not
 
 def _telling_station(observations: Observations) -> str:
     """The station with the most measured targets."""
-    return observations.stations[int(np.bincount(observations.measured.station, minlength=len(observations.stations)).argmax())]
+    return observations.stations[
+        int(np.bincount(observations.measured.station, minlength=len(observations.stations)).argmax())
+    ]
 
 
 def _data(content: bytes, kind: str) -> str:
@@ -76,20 +78,31 @@ def _interior_rows(world: World, calibration: Calibration, card: dict) -> list[t
     u = card["calibration"]["interior_u"]
     true, found = world.interior.parameters, calibration.interior.parameters
     return [
-        (name, f"{true[k]:.6g}" if k > 3 else f"{true[k]:.4f}", f"{found[k]:.6g}" if k > 3 else f"{found[k]:.4f}", found[k] - true[k], u[name])
+        (
+            name,
+            f"{true[k]:.6g}" if k > 3 else f"{true[k]:.4f}",
+            f"{found[k]:.6g}" if k > 3 else f"{found[k]:.4f}",
+            found[k] - true[k],
+            u[name],
+        )
         for k, name in enumerate(PARAMETERS)
     ]
 
 
 def _check_rows(points: Any) -> list[tuple]:
     order = np.argsort(-np.linalg.norm(points.error_mm, axis=1))
-    return [(int(points.code[k]), *points.true_mm[k], *(1000 * points.error_mm[k]), *(1000 * points.u_mm[k])) for k in order]
+    return [
+        (int(points.code[k]), *points.true_mm[k], *(1000 * points.error_mm[k]), *(1000 * points.u_mm[k])) for k in order
+    ]
 
 
 def _graph_rows(calibration: Calibration) -> list[tuple]:
     """For each board: its name, and how many marks of it each station saw."""
     seen = {(station, board): n for station, board, n in calibration.graph}
-    return [(board, [seen.get((station, board), 0) for station in calibration.station_names]) for board in calibration.board_names]
+    return [
+        (board, [seen.get((station, board), 0) for station in calibration.station_names])
+        for board in calibration.board_names
+    ]
 
 
 def _status_rows(observations: Observations) -> list[tuple[str, int]]:

@@ -9,14 +9,16 @@ from testfield.report.style import ACCENT, FAINT, INK, WARM
 from testfield.scene.world import BAR, CHECK, World
 
 PLAN, ELEVATION = (0, 1), (0, 2)
+CARD_MM = 150.0
+"""Smaller panels are cards under single targets and would only hide what is drawn there."""
 
 
-def draw_field(axes: Any, world: World, plane: tuple[int, int], frusta: bool) -> None:
-    """Draw a world's panels, targets and stations, projected on two of the world's axes, in metres."""
+def draw_field(axes: Any, world: World, plane: tuple[int, int], stations: bool) -> None:
+    """Draw a world's panels and targets, and its stations, projected on two of the world's axes, in metres."""
     marks = world.marks
     backs = {name for name in world.panels.name if name.endswith(" (back)")}
     for k, name in enumerate(world.panels.name):
-        if name in backs:
+        if name in backs or (not stations and world.panels.size_mm[k].max() < CARD_MM):
             continue
         half = world.panels.size_mm[k] / 2
         corner = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]]) * half
@@ -31,8 +33,8 @@ def draw_field(axes: Any, world: World, plane: tuple[int, int], frusta: bool) ->
     for role, color, size in ((CHECK, WARM, 9), (BAR, ACCENT, 12)):
         axes.scatter(*xyz[marks.role == role].T, s=size, color=color, lw=0, zorder=5)
     eyes = world.camera_from_world.origin_mm
-    axes.scatter(*(eyes[:, plane] / 1000).T, s=14, marker="s", color=INK, zorder=5)
-    if frusta:
+    if stations:
+        axes.scatter(*(eyes[:, plane] / 1000).T, s=14, marker="s", color=INK, zorder=5)
         rays = directions(world.interior, world.interior.corners_px)
         for R, eye in zip(world.camera_from_world.R, eyes, strict=True):
             ends = eye + 600 * rays @ R

@@ -8,13 +8,15 @@ INK, ACCENT, WARM, FAINT = "#1d2b36", "#14699c", "#c4502a", "#9fb0bb"
 
 
 @contextmanager
-def figure(width_in: float, height_in: float, columns: int = 1, **options: Any) -> Iterator[tuple[Any, Any]]:
+def figure(
+    width_in: float, height_in: float, columns: int = 1, rows: int = 1, **options: Any
+) -> Iterator[tuple[Any, Any]]:
     """A figure with its axes, closed afterwards. Drawn without a display and without pyplot's global state."""
     from matplotlib import rc_context
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    settings = {
+    settings: Any = {
         "font.family": "DejaVu Sans", "font.size": 8.5, "axes.edgecolor": FAINT, "axes.labelcolor": INK,
         "text.color": INK, "xtick.color": INK, "ytick.color": INK, "axes.linewidth": 0.8,
         "axes.spines.top": False, "axes.spines.right": False, "svg.hashsalt": "testfield", "svg.fonttype": "path",
@@ -22,4 +24,4 @@ def figure(width_in: float, height_in: float, columns: int = 1, **options: Any) 
     with rc_context(settings):
         drawing = Figure((width_in, height_in), layout="constrained")
         FigureCanvasAgg(drawing)
-        yield drawing, drawing.subplots(1, columns, **options)
+        yield drawing, drawing.subplots(rows, columns, **options)

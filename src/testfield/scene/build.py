@@ -36,7 +36,16 @@ class _Assembly:
         self.panels.append((f"{name} (back)", behind, t - thickness * R[:, 2], size, self.back, self.back))
         return len(self.panels) - 2
 
-    def mark(self, panel: int, xy: np.ndarray, diameter: float, code: int, role: int, board: int = -1, point: int = -1) -> None:
+    def mark(
+        self,
+        panel: int,
+        xy: np.ndarray,
+        diameter: float,
+        code: int,
+        role: int,
+        board: int = -1,
+        point: int = -1,
+    ) -> None:
         """One mark at its true place on a panel."""
         self.marks.append((panel, xy, diameter, code, role, board, point))
 
@@ -50,7 +59,10 @@ def build_world(scene: SceneFile) -> World:
     boards, board_R, board_t, keep_clear = [], [], [], []
     for k, board in enumerate(scene.boards):
         try:
-            R, t = facing(np.array(board.normal), np.radians(board.spin_deg)), np.array(board.position_mm, float)
+            R, t = (
+                facing(np.array(board.normal), np.radians(board.spin_deg)),
+                np.array(board.position_mm, float),
+            )
         except ValueError as error:
             raise TestfieldError(str(error), f"boards[{k}].normal") from error
         nominal = nominal_board(board, scene.code_bits, k)
@@ -74,9 +86,17 @@ def build_world(scene: SceneFile) -> World:
         try:
             R = along(np.array(bar.direction), np.array(bar.normal))
         except ValueError as error:
-            raise TestfieldError(f"{error}, or direction and normal are parallel", f"scale_bars[{k}].direction") from error
+            raise TestfieldError(
+                f"{error}, or direction and normal are parallel", f"scale_bars[{k}].direction"
+            ) from error
         half = CARD_MARGIN * bar.diameter_mm / 2
-        panel = parts.panel(bar.name, R, np.array(bar.position_mm, float), (bar.length_mm + 2 * half, 2 * half), BAR_THICKNESS_MM)
+        panel = parts.panel(
+            bar.name,
+            R,
+            np.array(bar.position_mm, float),
+            (bar.length_mm + 2 * half, 2 * half),
+            BAR_THICKNESS_MM,
+        )
         true_length = bar.length_mm + bar.u_length_mm * generator(seed, f"bar/{bar.name}").standard_normal()
         for code, side in zip(bar.codes, (-0.5, 0.5), strict=True):
             parts.mark(panel, np.array([side * true_length, 0]), bar.diameter_mm, code, BAR)
@@ -95,14 +115,34 @@ def build_world(scene: SceneFile) -> World:
             R = facing(np.array(surface.normal))
         except ValueError as error:
             raise TestfieldError(str(error), f"room.surfaces[{k}].normal") from error
-        parts.panels.append((surface.name, R, np.array(surface.position_mm, float), surface.size_mm, surface.albedo, surface.albedo))
+        parts.panels.append(
+            (
+                surface.name,
+                R,
+                np.array(surface.position_mm, float),
+                surface.size_mm,
+                surface.albedo,
+                surface.albedo,
+            )
+        )
 
     lights = tuple(
-        AreaLight(Poses(facing(np.array(lamp.normal))[None], np.array([lamp.position_mm], float)), lamp.size_mm, lamp.radiance_w_m2_sr)
+        AreaLight(
+            Poses(facing(np.array(lamp.normal))[None], np.array([lamp.position_mm], float)),
+            lamp.size_mm,
+            lamp.radiance_w_m2_sr,
+        )
         for lamp in scene.room.lights
     )
     names, station_R, station_t = generators.stations(scene.stations, seed)
-    field = Field(scene.code_bits, tuple(boards), tuple(bars), loose, scene.paint.white_on_black, 1e-6 * scene.u_print_scale_ppm)
+    field = Field(
+        scene.code_bits,
+        tuple(boards),
+        tuple(bars),
+        loose,
+        scene.paint.white_on_black,
+        1e-6 * scene.u_print_scale_ppm,
+    )
     return World(
         scene.name, seed, float(np.linalg.norm(scene.volume.size_mm)), _panels(parts), _marks(parts),
         Poses(np.array(board_R), np.array(board_t)), tuple(names), Poses(station_R, station_t), true_interior(scene),
@@ -125,14 +165,20 @@ def nominal_board(board: BoardPart, bits: int, index: int) -> NominalBoard:
     zone = board.recognition_zone
     count = zone.columns * zone.rows
     if zone.codes is not None and zone.first_code is not None:
-        raise TestfieldError("both codes and first_code are given", f"boards[{index}].recognition_zone", "give one of them")
+        raise TestfieldError(
+            "both codes and first_code are given", f"boards[{index}].recognition_zone", "give one of them"
+        )
     if zone.codes is None and zone.first_code is None:
-        raise TestfieldError("neither codes nor first_code is given", f"boards[{index}].recognition_zone", "give one of them")
+        raise TestfieldError(
+            "neither codes nor first_code is given", f"boards[{index}].recognition_zone", "give one of them"
+        )
     if zone.codes is not None and len(zone.codes) != count:
         raise TestfieldError(
-            f"{len(zone.codes)} numbers for {count} targets", f"boards[{index}].recognition_zone.codes", f"give {count}"
+            f"{len(zone.codes)} numbers for {count} targets",
+            f"boards[{index}].recognition_zone.codes",
+            f"give {count}",
         )
-    codes = np.array(zone.codes) if zone.codes is not None else zone.first_code + np.arange(count)
+    codes = np.array(zone.codes) if zone.codes is not None else int(zone.first_code or 0) + np.arange(count)
     coded = Marks(_grid(zone), np.full(count, zone.diameter_mm), codes, bits)
     dots_xy = _grid(board.extension_zone)
     dots = Marks(dots_xy, np.full(len(dots_xy), board.extension_zone.diameter_mm), np.zeros(len(dots_xy), int), bits)
@@ -153,5 +199,8 @@ def _panels(parts: _Assembly) -> Panels:
 def _marks(parts: _Assembly) -> TrueMarks:
     panel, xy, diameter, code, role, board, point = zip(*parts.marks, strict=True)
     return TrueMarks(
-        np.array(panel), np.array(xy, float), np.array(diameter, float), *(np.array(v, int) for v in (code, role, board, point))
+        np.array(panel),
+        np.array(xy, float),
+        np.array(diameter, float),
+        *(np.array(v, int) for v in (code, role, board, point)),
     )

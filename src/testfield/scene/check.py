@@ -33,7 +33,9 @@ def _unique_names(scene: SceneFile, source: str) -> None:
     ):
         for name, count in Counter(names).items():
             if count > 1:
-                raise TestfieldError(f"{count} of them are called '{name}'", f"{source}, {label}", "give each its own name")
+                raise TestfieldError(
+                    f"{count} of them are called '{name}'", f"{source}, {label}", "give each its own name"
+                )
 
 
 def _codes_exist_and_differ(scene: SceneFile, world: World, source: str) -> None:
@@ -45,10 +47,16 @@ def _codes_exist_and_differ(scene: SceneFile, world: World, source: str) -> None
         owner = world.panels.name[panel]
         if code > last:
             raise TestfieldError(
-                f"code number {code} does not exist", f"{source}, {owner}", f"{scene.code_bits}-bit codes are numbered 1 to {last}"
+                f"code number {code} does not exist",
+                f"{source}, {owner}",
+                f"{scene.code_bits}-bit codes are numbered 1 to {last}",
             )
         if code in owners:
-            raise TestfieldError(f"code number {code} is used twice", f"{source}, {owners[code]} and {owner}", "choose another number")
+            raise TestfieldError(
+                f"code number {code} is used twice",
+                f"{source}, {owners[code]} and {owner}",
+                "choose another number",
+            )
         owners[int(code)] = owner
 
 
@@ -72,7 +80,8 @@ def _marks_fit(scene: SceneFile, world: World, source: str) -> None:
             i, j = np.argwhere(gap < need)[0]
             a, b = marks.xy_mm[here[i]], marks.xy_mm[here[j]]
             raise TestfieldError(
-                f"marks at ({a[0]:.1f}, {a[1]:.1f}) and ({b[0]:.1f}, {b[1]:.1f}) mm are too close", f"{source}, {world.panels.name[k]}",
+                f"marks at ({a[0]:.1f}, {a[1]:.1f}) and ({b[0]:.1f}, {b[1]:.1f}) mm are too close",
+                f"{source}, {world.panels.name[k]}",
                 "leave each coded target its quiet zone of 3.9 dot radii",
             )  # fmt: skip
 
@@ -94,7 +103,8 @@ def _stations_stand_free(world: World, source: str) -> None:
             s = int(np.argmax(within))
             where = ", ".join(f"{v:.0f}" for v in eyes[s])
             raise TestfieldError(
-                f"the camera at ({where}) mm is inside or behind '{name}'", f"{source}, station '{world.station_name[s]}'",
+                f"the camera at ({where}) mm is inside or behind '{name}'",
+                f"{source}, station '{world.station_name[s]}'",
                 "move position_mm to the side that is seen",
             )  # fmt: skip
 
@@ -103,7 +113,9 @@ def _stations_see(world: World, views: Views, source: str) -> None:
     blind = ~(views.visible == 1).any(axis=1)
     if blind.any():
         name = world.station_name[int(np.argmax(blind))]
-        raise TestfieldError("this station sees no target", f"{source}, station '{name}'", "turn it (look_at_mm) or move it")
+        raise TestfieldError(
+            "this station sees no target", f"{source}, station '{name}'", "turn it (look_at_mm) or move it"
+        )
 
 
 def _sizes(world: World, views: Views, source: str) -> list[str]:
@@ -117,9 +129,10 @@ def _sizes(world: World, views: Views, source: str) -> list[str]:
     small = np.flatnonzero(coded & (largest > 0) & (largest < DECODABLE_PX))
     if len(small):
         k = small[np.argmin(largest[small])]
+        panel = world.panels.name[world.marks.panel[k]]
         warnings.append(
             f"{source}: {len(small)} coded targets are too small to decode; code {world.marks.code[k]} on "
-            f"'{world.panels.name[world.marks.panel[k]]}' is {largest[k]:.1f} px wide at best and needs {DECODABLE_PX:.0f}"
+            f"'{panel}' is {largest[k]:.1f} px wide at best and needs {DECODABLE_PX:.0f}"
         )
     return warnings
 
@@ -131,7 +144,7 @@ def _joined(world: World, views: Views, source: str) -> list[str]:
     reached, frontier = {0}, [0]
     while frontier:
         shared = sees[:, sees[frontier.pop()]].any(axis=1)
-        fresh = set(np.flatnonzero(shared)) - reached
+        fresh = set(np.flatnonzero(shared).tolist()) - reached
         reached |= fresh
         frontier += fresh
     apart = [world.field.boards[b].name for b in range(boards) if b not in reached]

@@ -28,7 +28,9 @@ def stations(parts: tuple[StationPart, ...], seed: int) -> tuple[list[str], np.n
             if name in names:
                 raise TestfieldError(f"two stations are called '{name}'", f"stations[{number}].name", "rename one")
             try:
-                R, t = camera_looking(position, np.array(part.look_at_mm), np.radians(part.roll_deg[k % len(part.roll_deg)]))
+                R, t = camera_looking(
+                    position, np.array(part.look_at_mm), np.radians(part.roll_deg[k % len(part.roll_deg)])
+                )
             except ValueError as error:
                 raise TestfieldError(str(error), f"stations[{number}]", "move position_mm or look_at_mm") from error
             names.append(name)
@@ -41,7 +43,9 @@ def _station_positions(part: StationPart, number: int, seed: int) -> np.ndarray:
     if isinstance(part, StationSingle):
         return np.array([part.position_mm])
     if isinstance(part, StationArc):
-        azimuth = np.radians(np.linspace(*part.azimuth_deg, part.count) if part.count > 1 else [np.mean(part.azimuth_deg)])
+        azimuth = np.radians(
+            np.linspace(*part.azimuth_deg, part.count) if part.count > 1 else [np.mean(part.azimuth_deg)]
+        )
         x = part.look_at_mm[0] + part.radius_mm * np.sin(azimuth)
         y = part.look_at_mm[1] - part.radius_mm * np.cos(azimuth)
         return np.column_stack([x, y, np.full(part.count, part.height_mm)])
@@ -59,7 +63,9 @@ def _station_positions(part: StationPart, number: int, seed: int) -> np.ndarray:
 
 def lattice(counts: tuple, low: tuple, high: tuple) -> np.ndarray:
     """(n, 3) points of a regular lattice, x fastest; a single point along an axis lies in the middle."""
-    axes = [np.linspace(a, b, n) if n > 1 else np.array([(a + b) / 2]) for n, a, b in zip(counts, low, high, strict=True)]
+    axes = [
+        np.linspace(a, b, n) if n > 1 else np.array([(a + b) / 2]) for n, a, b in zip(counts, low, high, strict=True)
+    ]
     z, y, x = np.meshgrid(axes[2], axes[1], axes[0], indexing="ij")
     return np.column_stack([x.ravel(), y.ravel(), z.ravel()])
 

@@ -22,7 +22,9 @@ def load_scene(path: Path) -> SceneFile:
     try:
         text = path.read_bytes().decode()
     except FileNotFoundError as error:
-        raise TestfieldError("no such scene file", str(path), "check the path; `testfield schema` describes one") from error
+        raise TestfieldError(
+            "no such scene file", str(path), "check the path; `testfield schema` describes one"
+        ) from error
     except (OSError, UnicodeDecodeError) as error:
         raise TestfieldError(f"cannot be read ({error})", str(path)) from error
     return parse_scene(text, str(path))

@@ -15,7 +15,9 @@ class _Part(BaseModel):
 class VolumePart(_Part):
     """The measuring volume."""
 
-    size_mm: Vector3 = Field((4000, 3000, 2000), description="Edges of the volume; its diagonal scales relative accuracy.")
+    size_mm: Vector3 = Field(
+        (4000, 3000, 2000), description="Edges of the volume; its diagonal scales relative accuracy."
+    )
 
 
 class CameraPart(_Part):
@@ -33,7 +35,12 @@ class CameraPart(_Part):
     p1: float = Field(0, description="First decentring coefficient.")
     p2: float = Field(0, description="Second decentring coefficient.")
     f_number: PositiveFloat = Field(8.0, description="Aperture; sets how much light reaches the sensor.")
-    psf_sigma_px: float = Field(0.6, ge=0, le=5, description="Optics' blur: sigma of a Gaussian point spread, before the pixel's own area.")
+    psf_sigma_px: float = Field(
+        0.6,
+        ge=0,
+        le=5,
+        description="Optics' blur: sigma of a Gaussian point spread, before the pixel's own area.",
+    )
 
 
 class SensorPart(_Part):
@@ -61,7 +68,9 @@ class ExtensionZone(_Part):
     rows: PositiveInt = Field(9, description="Dots in y.")
     pitch_mm: PositiveFloat = Field(75, description="Distance of neighbouring dots.")
     diameter_mm: PositiveFloat = Field(20, description="Diameter of each dot.")
-    centre_mm: Pair = Field((0, 0), description="Middle of the grid on the board, x right and y up from the board's middle.")
+    centre_mm: Pair = Field(
+        (0, 0), description="Middle of the grid on the board, x right and y up from the board's middle."
+    )
 
 
 class RecognitionZone(_Part):
@@ -70,9 +79,13 @@ class RecognitionZone(_Part):
     columns: PositiveInt = Field(3, description="Targets in x.")
     rows: PositiveInt = Field(4, description="Targets in y.")
     pitch_mm: PositiveFloat = Field(150, description="Distance of neighbouring targets.")
-    diameter_mm: PositiveFloat = Field(20, description="Diameter of the central dot; the ring reaches three times as far.")
+    diameter_mm: PositiveFloat = Field(
+        20, description="Diameter of the central dot; the ring reaches three times as far."
+    )
     centre_mm: Pair = Field((0, 0), description="Middle of the grid on the board.")
-    first_code: PositiveInt | None = Field(None, description="Number of the first target; the rest follow row by row from the top left.")
+    first_code: PositiveInt | None = Field(
+        None, description="Number of the first target; the rest follow row by row from the top left."
+    )
     codes: tuple[PositiveInt, ...] | None = Field(None, description="Numbers one by one instead of first_code.")
 
 
@@ -87,16 +100,24 @@ class BoardPart(_Part):
     spin_deg: float = Field(0, description="Rotation about the normal, counter-clockwise seen from the front.")
     extension_zone: ExtensionZone = Field(ExtensionZone(), description="The plain dots.")
     recognition_zone: RecognitionZone = Field(RecognitionZone(first_code=1), description="The coded targets.")
-    print_sigma_mm: float = Field(0.01, ge=0, le=10, description="Standard deviation of each mark's true x and y about the nominal.")
+    print_sigma_mm: float = Field(
+        0.01, ge=0, le=10, description="Standard deviation of each mark's true x and y about the nominal."
+    )
 
 
 class ScaleBarPart(_Part):
     """A bar with a ring-coded target at either end."""
 
     name: str = Field(min_length=1, description="Unique name.")
-    role: Literal["control", "check"] = Field(description="control: its length enters the calibration; check: it only tests it.")
+    role: Literal["control", "check"] = Field(
+        description="control: its length enters the calibration; check: it only tests it."
+    )
     length_mm: float = Field(gt=10, description="Certified distance between the two targets' centres.")
-    u_length_mm: float = Field(0.005, ge=0, description="Standard uncertainty of the certified length; the true length differs by a draw from it.")
+    u_length_mm: float = Field(
+        0.005,
+        ge=0,
+        description="Standard uncertainty of the certified length; the true length differs by a draw from it.",
+    )
     codes: tuple[PositiveInt, PositiveInt] = Field(description="Numbers of the two targets.")
     diameter_mm: PositiveFloat = Field(20, description="Diameter of the targets' central dots.")
     position_mm: Vector3 = Field(description="Where the middle of the bar is.")
@@ -156,7 +177,9 @@ CheckPart = Annotated[CheckSingle | CheckOnBoard | CheckGrid | CheckRandom, Fiel
 
 class _Aimed(_Part):
     look_at_mm: Vector3 = Field((0, 0, 1500), description="Point the optical axis goes through.")
-    roll_deg: tuple[float, ...] = Field((0,), description="Rotation about the optical axis, taken in turn by the stations.")
+    roll_deg: tuple[float, ...] = Field(
+        (0,), description="Rotation about the optical axis, taken in turn by the stations."
+    )
 
 
 class StationSingle(_Aimed):
@@ -250,7 +273,9 @@ class PaintPart(_Part):
 class RenderPart(_Part):
     """How images are computed."""
 
-    mode: Literal["fast", "path"] = Field("fast", description="fast: exact edges under known light; path: plain path tracing, the reference.")
+    mode: Literal["fast", "path"] = Field(
+        "fast", description="fast: exact edges under known light; path: plain path tracing, the reference."
+    )
     cells: int = Field(3, ge=1, le=16, description="fast: cells along each side of a pixel.")
     light_spacing_mm: PositiveFloat = Field(60, description="fast: distance of the points at which light is computed.")
     light_paths: int = Field(2048, ge=16, description="fast: paths for each of these points.")
@@ -269,7 +294,9 @@ class MeasurePart(_Part):
 class SceneFile(_Part):
     """A scene: the field as it truly is, the camera that sees it, and how it is measured."""
 
-    name: str = Field(min_length=1, pattern=r"^[A-Za-z0-9_.-]+$", description="Name of the scene, also of its run's folder.")
+    name: str = Field(
+        min_length=1, pattern=r"^[A-Za-z0-9_.-]+$", description="Name of the scene, also of its run's folder."
+    )
     description: str = Field("", description="One sentence for the report.")
     seed: int = Field(1, ge=0, description="Seed of everything random.")
     code_bits: Literal[8, 10, 12, 14, 16, 20] = Field(14, description="Segments of every ring code.")
@@ -279,10 +306,18 @@ class SceneFile(_Part):
     exposure: ExposurePart = ExposurePart()
     paint: PaintPart = PaintPart()
     room: RoomPart = RoomPart()
-    boards: tuple[BoardPart, ...] = Field(min_length=1, description="Sub-boards; the first defines the measuring frame.")
-    u_print_scale_ppm: float = Field(20, ge=0, le=10000, description="Standard uncertainty of the scale all boards share (printing, temperature); the true scale differs by a draw from it.")
+    boards: tuple[BoardPart, ...] = Field(
+        min_length=1, description="Sub-boards; the first defines the measuring frame."
+    )
+    u_print_scale_ppm: float = Field(
+        20, ge=0, le=10000,
+        description="Standard uncertainty of the scale all boards share (printing, temperature); "
+        "the true scale differs by a draw from it.",
+    )  # fmt: skip
     scale_bars: tuple[ScaleBarPart, ...] = Field((), description="Scale bars.")
     check_targets: tuple[CheckPart, ...] = Field((), description="Targets whose true positions only scoring knows.")
-    stations: tuple[StationPart, ...] = Field(min_length=1, description="Where the camera is, one by one or by generators.")
+    stations: tuple[StationPart, ...] = Field(
+        min_length=1, description="Where the camera is, one by one or by generators."
+    )
     render: RenderPart = RenderPart()
     measure: MeasurePart = MeasurePart()

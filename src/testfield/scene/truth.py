@@ -37,7 +37,8 @@ def see(world: World) -> Views:
     stations, n = len(world.camera_from_world), len(marks)
     eyes = world.camera_from_world.origin_mm
     shape = (stations, n)
-    views = Views(*(np.full((*shape, 2), np.nan) for _ in range(2)), *(np.full(shape, np.nan) for _ in range(2)), np.zeros(shape))
+    unseen, nowhere = np.full(shape, np.nan), np.full((*shape, 2), np.nan)
+    views = Views(nowhere, nowhere.copy(), unseen, unseen.copy(), np.zeros(shape))
     extent = marks.diameter_mm / 2 * np.where(marks.code > 0, RING_OUTER, 1.0)
     R = world.panels.world_from_panel.R[marks.panel]
     angle = 2 * np.pi * np.arange(RIM_POINTS) / RIM_POINTS
@@ -59,7 +60,9 @@ def see(world: World) -> Views:
             seen = inside & (cosine > 0)[:, None]
             candidates = np.argwhere(seen)
             points = rim[candidates[:, 0], candidates[:, 1]]
-            seen[candidates[:, 0], candidates[:, 1]] = ~hidden(eyes[s], points, world.panels, marks.panel[candidates[:, 0]])
+            seen[candidates[:, 0], candidates[:, 1]] = ~hidden(
+                eyes[s], points, world.panels, marks.panel[candidates[:, 0]]
+            )
             views.visible[s] = seen.mean(axis=1)
     return views
 

@@ -13,7 +13,7 @@ def rigid_fit(measured_mm: np.ndarray, true_mm: np.ndarray) -> tuple[np.ndarray,
 
 
 def rigid_basis(points_mm: np.ndarray) -> np.ndarray:
-    """(3n, 6) motion of all coordinates by a small rigid motion: three translations, three rotations about the middle."""
+    """(3n, 6) motion of all coordinates by three small translations and three small rotations about the middle."""
     centred = points_mm - points_mm.mean(axis=0)
     basis = np.zeros((len(points_mm), 3, 6))
     basis[:, :, :3] = np.eye(3)

@@ -87,7 +87,11 @@ def score_detection(world: World, views: Views, observations: Observations) -> D
 
     index, mark = np.array(rows, int), np.array(match, int)
     error = observations.xy_px[index] - true_px[station[index], mark]
-    white = np.linalg.solve(np.linalg.cholesky(observations.cov_px2[index]), error[..., None])[..., 0] if len(index) else error
+    white = (
+        np.linalg.solve(np.linalg.cholesky(observations.cov_px2[index]), error[..., None])[..., 0]
+        if len(index)
+        else error
+    )
     return DetectionScore(
         station[index], mark, index, error, (white**2).sum(axis=1), expected, found,
         _why_missed(expected & ~found, true_px, views, observations, station),
@@ -103,7 +107,9 @@ def _why_missed(
     for s in np.flatnonzero(missed.any(axis=1)):
         here = np.flatnonzero(station == s)
         for mark in np.flatnonzero(missed[s]):
-            distance = np.linalg.norm(observations.xy_px[here] - true_px[s, mark], axis=1) if len(here) else np.array([np.inf])
+            distance = (
+                np.linalg.norm(observations.xy_px[here] - true_px[s, mark], axis=1) if len(here) else np.array([np.inf])
+            )
             nearest = int(np.argmin(distance))
             if distance[nearest] > views.diameter_px[s, mark]:
                 reasons["no blob there"] += 1

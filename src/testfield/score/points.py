@@ -13,8 +13,12 @@ from testfield.score.camera import true_in_datum
 
 @dataclass(frozen=True)
 class PointScore:
-    """Check points: `code` (n,), true positions `true_mm`, errors `error_mm` in the datum frame and `fitted_mm` after
-    the rigid fit, all (n, 3); `cov_mm2` (3n, 3n) claimed, `u_mm` (n, 3) its square roots; whole-network NEES per degree of freedom, with and without fit."""
+    """Check points.
+
+    `code` (n,), true positions `true_mm`, errors `error_mm` in the datum frame and `fitted_mm` after the rigid fit, all
+    (n, 3); `cov_mm2` (3n, 3n) claimed; `anees`, `anees_fitted` whole-network NEES per degree of freedom, without and
+    with the fit; `expected` how many check targets the field has.
+    """
 
     code: np.ndarray
     true_mm: np.ndarray
@@ -68,14 +72,26 @@ def score_points(world: World, calibration: Calibration, points: Points) -> Poin
         R, t = rigid_fit(points.xyz_mm[rows], true)
         fitted = points.xyz_mm[rows] @ R.T + t - true
         reduced = aligned_covariance(covariance, true)
-        anees_fitted = float(fitted.ravel() @ np.linalg.pinv(reduced, rcond=1e-10, hermitian=True) @ fitted.ravel() / (error.size - 6))
-    return PointScore(points.code[rows], true, error, fitted, covariance, anees, anees_fitted, world.field_diagonal_mm, len(truth))
+        anees_fitted = float(
+            fitted.ravel() @ np.linalg.pinv(reduced, rcond=1e-10, hermitian=True) @ fitted.ravel() / (error.size - 6)
+        )
+    return PointScore(
+        points.code[rows],
+        true,
+        error,
+        fitted,
+        covariance,
+        anees,
+        anees_fitted,
+        world.field_diagonal_mm,
+        len(truth),
+    )
 
 
 def score_lengths(world: World, calibration: Calibration, points: Points) -> dict:
     """Scale bars: measured against true and against certified lengths."""
     truth = _true_positions(world, calibration, BAR)
-    bars = []
+    bars: list[dict] = []
     for bar in world.field.scale_bars:
         if not set(bar.codes) <= {int(code) for code in points.code}:
             bars.append({"name": bar.name, "role": bar.role, "note": "an end was not reconstructed"})
@@ -95,7 +111,9 @@ def score_lengths(world: World, calibration: Calibration, points: Points) -> dic
     return {
         "check_error_mm": float(max(check, key=abs)) if check else None,
         "scale_error_ppm": 1e6 * (calibration.scale - world_scale(world)),
-        "u_scale_ppm": 1e6 * float(np.sqrt(calibration.covariance[i, i])) if (i := _scale_index(calibration)) is not None else None,
+        "u_scale_ppm": 1e6 * float(np.sqrt(calibration.covariance[i, i]))
+        if (i := _scale_index(calibration)) is not None
+        else None,
         "bars": bars,
     }
 

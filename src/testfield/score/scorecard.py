@@ -31,7 +31,11 @@ TEN = (
 
 def scorecard(world: World, views: Views, observations: Path, calibration: Path, points: Path) -> dict[str, Any]:
     """Score a run's files against the truth."""
-    found, camera, targets = Observations.load(observations), Calibration.load(calibration), Points.load(points)
+    found, camera, targets = (
+        Observations.load(observations),
+        Calibration.load(calibration),
+        Points.load(points),
+    )
     return {
         "scene": world.name,
         "detection": score_detection(world, views, found).card(),

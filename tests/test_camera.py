@@ -1,0 +1,104 @@
+import numpy as np
+import pytest
+
+from testfield.camera import brown
+from testfield.camera.circle import disc_image
+from testfield.camera.interior import Interior
+from testfield.camera.pose import Poses, nearest_rotation, rotation, rotation_vector
+from testfield.camera.project import directions, project, project_camera, project_with_jacobian
+
+LENS = np.array([3478.0, 3480.0, 1231.0, 1018.0, -0.102, 0.131, -0.02, 4.2e-4, -3.1e-4])
+CAMERA = Interior(2448, 2048, LENS)
+
+
+def _views(n: int = 60) -> tuple[Poses, np.ndarray]:
+    rng = np.random.default_rng(3)
+    return (
+        Poses(rotation(rng.normal(0, 0.05, (n, 3))), rng.normal(0, 200, (n, 3))),
+        rng.normal(0, 600, (n, 3)) + [0, 0, 5000],
+    )
+
+
+def test_projection_and_its_inverse_agree_to_1e_9_px_over_the_image() -> None:
+    grid = np.stack(np.meshgrid(np.linspace(-0.5, 2447.5, 60), np.linspace(-0.5, 2047.5, 50)), -1).reshape(-1, 2)
+    assert np.abs(project_camera(CAMERA, 4000 * directions(CAMERA, grid)) - grid).max() < 1e-9
+
+
+def test_points_behind_the_camera_or_beyond_the_fold_are_flagged_not_folded_back() -> None:
+    folding = CAMERA.with_parameters(np.array([1000, 1000, 500, 500, -0.5, 0, 0, 0, 0.0]))
+    radius = brown.fold_radius(folding.parameters[4:])
+    assert radius == pytest.approx(np.sqrt(1 / 1.5))
+    points = np.array([[0, 0, -1.0], [1.01 * radius, 0, 1.0], [0.99 * radius, 0, 1.0]])
+    assert np.isnan(project_camera(folding, points)).all(axis=1).tolist() == [True, True, False]
+    assert np.isnan(directions(folding, np.array([[5000.0, 500.0]]))[0, 0])
+
+
+def test_opencv_projects_to_the_same_pixels() -> None:
+    import cv2
+
+    poses, points = _views(1)
+    rng = np.random.default_rng(1)
+    cloud = rng.normal(0, 500, (50, 3)) + points
+    theirs, _ = cv2.projectPoints(
+        cloud, cv2.Rodrigues(poses.R[0])[0], poses.t_mm[0], CAMERA.matrix, LENS[[4, 5, 7, 8, 6]]
+    )
+    ours = project(CAMERA, Poses(np.repeat(poses.R, 50, 0), np.repeat(poses.t_mm, 50, 0)), cloud)
+    assert np.abs(ours - theirs[:, 0]).max() < 1e-9
+
+
+def test_every_derivative_agrees_with_differences() -> None:
+    poses, points = _views()
+    _, jacobian = project_with_jacobian(CAMERA, poses, points)
+
+    def slope(at, h: float) -> np.ndarray:  # type: ignore[no-untyped-def]
+        return (at(h) - at(-h)) / (2 * h)
+
+    for k in range(9):
+        h = 1e-6 * max(1.0, abs(LENS[k]))
+        shift = np.eye(9)[k]
+        numeric = slope(lambda e, s=shift: project(CAMERA.with_parameters(LENS + e * s), poses, points), h)
+        assert np.allclose(numeric, jacobian.interior[:, :, k], rtol=1e-6, atol=1e-5)
+    for k, axis in enumerate(np.eye(3)):
+        turned = slope(lambda e, a=axis: project(CAMERA, Poses(rotation(e * a) @ poses.R, poses.t_mm), points), 1e-6)
+        assert np.allclose(turned, jacobian.rotation[:, :, k], rtol=1e-6, atol=1e-3)
+        moved = slope(lambda e, a=axis: project(CAMERA, Poses(poses.R, poses.t_mm + e * a), points), 1e-3)
+        assert np.allclose(moved, jacobian.camera_point[:, :, k], rtol=1e-6, atol=1e-7)
+
+
+def test_the_image_of_a_disc_matches_the_closed_form_of_methods_6_4() -> None:
+    camera = Interior(3000, 2000, np.array([3000, 3000, 1500, 1000, 0, 0, 0, 0, 0.0]))
+    disc = disc_image(
+        camera, Poses.identity(1), np.array([[0.4, -0.3, 2.5]]), np.array([[0.5, 0, -np.sqrt(0.75)]]), np.array([0.03])
+    )
+    assert np.allclose(disc.centroid_px, [[1979.8302124, 639.98703953]], atol=1e-7)
+    assert np.allclose(disc.centroid_px - [1980, 640], [[-0.1697876, -0.01296047]], atol=1e-7)
+
+
+def test_the_image_of_a_disc_agrees_with_fine_polygons_through_the_distorted_lens() -> None:
+    pose = Poses(rotation(np.array([[0.3, -0.5, 0.2]])), np.array([[100.0, -200.0, 1500.0]]))
+    normal = rotation(np.array([[0.4, 0.2, 0.0]]))[:, :, 2]
+    disc = disc_image(CAMERA, pose, np.array([[10.0, 20.0, 30.0]]), normal, np.array([40.0]))
+    from testfield.camera.circle import plane_axes
+
+    first, second = plane_axes(normal)
+    angle = np.linspace(0, 2 * np.pi, 20001)[:-1, None]
+    rim = np.array([10.0, 20, 30]) + 40 * (np.cos(angle) * first + np.sin(angle) * second)
+    x, y = project(CAMERA, Poses(np.repeat(pose.R, 20000, 0), np.repeat(pose.t_mm, 20000, 0)), rim).T
+    x0, y0 = x.mean(), y.mean()
+    x, y = x - x0, y - y0
+    cross = x * np.roll(y, -1) - np.roll(x, -1) * y
+    area = cross.sum() / 2
+    cx, cy = (((v + np.roll(v, -1)) * cross).sum() / (6 * area) for v in (x, y))
+    assert np.allclose(disc.centroid_px[0], [x0 + cx, y0 + cy], atol=1e-6)
+    assert disc.area_px2[0] == pytest.approx(abs(area), rel=1e-7)
+
+
+def test_rotations_survive_the_round_trip_and_repair() -> None:
+    vectors = np.random.default_rng(0).normal(0, 1, (50, 3))
+    R = rotation(vectors)
+    assert np.allclose(rotation(rotation_vector(R)), R, atol=1e-12)
+    assert np.allclose(nearest_rotation(R * 1.7), R, atol=1e-12)
+    poses = Poses(R, vectors * 100)
+    x = np.ones((50, 3))
+    assert np.allclose(poses.inverse().apply(poses.apply(x)), x)
+    assert np.allclose(poses.after(poses).apply(x), poses.apply(poses.apply(x)))
