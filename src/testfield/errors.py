@@ -17,6 +17,10 @@ class TestfieldError(Exception):
         self.what, self.where, self.do = what, where, do
         super().__init__(self.sentence())
 
+    def __reduce__(self) -> tuple:
+        # Exceptions travel between processes by their arguments.
+        return type(self), (self.what, self.where, self.do)
+
     def sentence(self) -> str:
         """The whole message on one line: `where: what; do`."""
         head = f"{self.where}: " if self.where else ""

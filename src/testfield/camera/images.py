@@ -1,5 +1,6 @@
 """The two images a camera gives: radiance before the sensor, and the digital frame after it."""
 
+import errno
 import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -85,8 +86,13 @@ class Radiance:
             "type": OpenEXR.scanlineimage,
             "station": self.station,
         }
-        with OpenEXR.File(header, {"Y": np.ascontiguousarray(self.values, np.float32)}) as file:
-            file.write(str(path))
+        try:
+            with OpenEXR.File(header, {"Y": np.ascontiguousarray(self.values, np.float32)}) as file:
+                file.write(str(path))
+        except RuntimeError as error:
+            # The library turns a failed write into its own error and keeps only the message.
+            number = errno.ENOSPC if "No space left" in str(error) else errno.EIO
+            raise OSError(number, str(error), str(path)) from error
 
     @staticmethod
     def load(path: Path) -> "Radiance":

@@ -10,6 +10,7 @@ from pathlib import Path
 from testfield import __version__
 from testfield.chain.files import PACKAGES, Ledger, _version, code_digest, digest, whole
 from testfield.errors import TestfieldError
+from testfield.registry import STAGES, names
 from testfield.scene.build import build_world
 from testfield.scene.check import check_scene
 from testfield.scene.load import load_scene, parse_scene
@@ -71,8 +72,11 @@ def begin(scene_path: Path, out: Path | None, seed: int | None, jobs: int) -> tu
     scene = parse_scene(text, str(scene_path))
     folder = out or Path("renders") / scene.name
     run = Run(folder, scene, str(scene_path), Ledger(folder), jobs)
+    check_algorithms(scene, str(scene_path))
     warnings = check_scene(scene, run.world, run.views, str(scene_path))
     folder.mkdir(parents=True, exist_ok=True)
+    for leftover in folder.rglob(".*.part*"):  # of a run that was killed while it wrote
+        leftover.unlink(missing_ok=True)
     with whole(folder / "scene.toml") as path:
         path.write_text(text)
     run.ledger.make("field.json", digest(run.world.field, code_digest("targets")), run.world.field.save)
@@ -83,6 +87,19 @@ def begin(scene_path: Path, out: Path | None, seed: int | None, jobs: int) -> tu
         warnings=warnings,
     )  # fmt: skip
     return run, warnings
+
+
+def check_algorithms(scene: SceneFile, source: str) -> None:
+    """Raise `TestfieldError` where the scene asks for an algorithm that nobody registered."""
+    for stage in STAGES:
+        field = stage.removesuffix("s")
+        name = getattr(scene.measure, field)
+        if name not in names(stage):
+            raise TestfieldError(
+                f"no {field} is called '{name}'",
+                f"{source}, measure.{field}",
+                f"choose one of {', '.join(names(stage))}",
+            )
 
 
 def resume(folder: Path, jobs: int) -> Run:

@@ -1,6 +1,7 @@
 """The stages in order. Each keeps what it made as long as everything it was made from is the same."""
 
 import multiprocessing
+import signal
 import time
 from collections.abc import Callable, Iterable
 from concurrent.futures import ProcessPoolExecutor
@@ -247,7 +248,10 @@ def _each(run: Run, title: str, function: Callable, work: list, unit: str) -> It
                 move(1)
             return
         # Spawned, not forked: the renderer's threads do not survive a fork.
-        with ProcessPoolExecutor(run.jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
+        # An interrupt is the parent's to handle; workers would only add their own complaints.
+        quiet = (signal.SIGINT, signal.SIG_IGN)
+        context = multiprocessing.get_context("spawn")
+        with ProcessPoolExecutor(run.jobs, context, initializer=signal.signal, initargs=quiet) as pool:
             try:
                 for result in pool.map(function, work):
                     yield result

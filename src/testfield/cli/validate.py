@@ -17,7 +17,7 @@ def add(commands: Any) -> None:
 def act(args: argparse.Namespace) -> int:
     """Say what is wrong, or what the scene holds."""
     from testfield.chain.files import Ledger
-    from testfield.chain.run import Run
+    from testfield.chain.run import Run, check_algorithms
     from testfield.cli.show import show_warnings
     from testfield.scene.check import check_scene
     from testfield.scene.load import load_scene
@@ -25,6 +25,7 @@ def act(args: argparse.Namespace) -> int:
 
     run = Run(Path(), load_scene(args.scene), str(args.scene), Ledger(Path("/nonexistent")))
     world = run.world
+    check_algorithms(run.scene, str(args.scene))
     show_warnings(check_scene(run.scene, world, run.views, str(args.scene)))
     marks, seen = world.marks, run.views.visible == 1
     print(f"{args.scene}: valid")

@@ -29,10 +29,13 @@ def render_fast(
 ) -> Radiance:
     """Radiance image of one station, noise-free.
 
-    `cells` along each side of a pixel; `progress` is told the fraction done since the last call.
+    `cells` along each side of a pixel, more where a narrow point spread needs it; `progress` is told the
+    fraction done since the last call.
     """
     world = stage.world
     width, height = world.interior.width_px, world.interior.height_px
+    if world.psf_sigma_px > 0:
+        cells = max(cells, int(np.ceil(1 / world.psf_sigma_px)))
     weights, margin = pixel_weights(cells, world.psf_sigma_px)
     lookup = IrradianceLookup(light)
     rays = CameraRays(world.interior, world.camera_from_world, station)
@@ -101,12 +104,13 @@ def _shade(
 def pixel_weights(cells: int, psf_sigma_px: float) -> tuple[np.ndarray, int]:
     """Weights of a row of cells in one pixel, and how many pixels they reach beyond it on either side.
 
-    The pixel's box convolved with the optics' Gaussian, integrated over each cell. A cell's mean is itself a box of
-    variance (1 / cells)^2 / 12, which is taken off the Gaussian's so that the whole keeps the right width.
+    The pixel's box convolved with the optics' Gaussian, integrated over each cell. Averaging over a cell and
+    integrating the weight over it each widen the whole by a box of variance (1 / cells)^2 / 12, which is taken off the
+    Gaussian's. The cells must not be wider than the Gaussian's sigma.
     """
     if psf_sigma_px == 0:
         return np.full(cells, 1 / cells), 0
-    sigma = np.sqrt(psf_sigma_px**2 - 1 / (12 * cells**2))
+    sigma = np.sqrt(psf_sigma_px**2 - 1 / (6 * cells**2))
     margin = int(np.ceil(4.5 * psf_sigma_px))
     edges = np.arange(cells * (2 * margin + 1) + 1) / cells - margin - 0.5
 

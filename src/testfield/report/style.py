@@ -11,7 +11,7 @@ INK, ACCENT, WARM, FAINT = "#1d2b36", "#14699c", "#c4502a", "#9fb0bb"
 def figure(
     width_in: float, height_in: float, columns: int = 1, rows: int = 1, **options: Any
 ) -> Iterator[tuple[Any, Any]]:
-    """A figure with its axes, closed afterwards. Drawn without a display and without pyplot's global state."""
+    """A figure with its axes (none where `columns` is 0), closed afterwards. Drawn without a display and without pyplot's global state."""
     from matplotlib import rc_context
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -24,4 +24,4 @@ def figure(
     with rc_context(settings):
         drawing = Figure((width_in, height_in), layout="constrained")
         FigureCanvasAgg(drawing)
-        yield drawing, drawing.subplots(rows, columns, **options)
+        yield drawing, drawing.subplots(rows, columns, **options) if columns else None

@@ -101,7 +101,7 @@ def _stations_stand_free(world: World, source: str) -> None:
             within = over & (local[:, 2] < 50)
         if within.any():
             s = int(np.argmax(within))
-            where = ", ".join(f"{v:.0f}" for v in eyes[s])
+            where = ", ".join(str(round(v)) for v in eyes[s])
             raise TestfieldError(
                 f"the camera at ({where}) mm is inside or behind '{name}'",
                 f"{source}, station '{world.station_name[s]}'",

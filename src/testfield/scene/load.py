@@ -54,7 +54,8 @@ def scene_schema() -> dict[str, Any]:
 
 
 def _speak(error: ValidationError, source: str) -> TestfieldError:
-    first, *rest = error.errors()
+    # A misspelt field is also a missing one; the misspelling is what helps.
+    first, *rest = sorted(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
     place = _place(first["loc"])
     value = json.dumps(first["input"], default=str)
     value = value if len(value) <= 60 else value[:57] + "..."

@@ -1,0 +1,93 @@
+"""Bad input gets a clear sentence that names file, field and value, exit status 2, and no traceback."""
+
+from pathlib import Path
+
+import pytest
+
+from testfield.cli.main import main
+
+SCENES = Path(__file__).parents[1] / "scenes"
+QUICK = (SCENES / "quick.toml").read_text()
+
+
+def complaint(tmp_path: Path, capsys: pytest.CaptureFixture, text: str) -> str:
+    scene = tmp_path / "bad.toml"
+    scene.write_text(text)
+    out = tmp_path / "run"
+    assert main(["run", str(scene), "--out", str(out)]) == 2
+    said = capsys.readouterr().err.strip()
+    assert "bad.toml" in said
+    assert "Traceback" not in said
+    assert not out.exists()  # nothing is begun before the scene has passed
+    return said
+
+
+CASES = {
+    "unknown field": (("width_px = 1280", "widht_px = 1280"), ["camera.widht_px", "unknown field", "width_px"]),
+    "wrong unit": (("length_mm = 900.0", "length_m = 0.9"), ["scale_bars[0].length_m", "0.9", "length_mm"]),
+    "metres for millimetres": (("length_mm = 900.0", "length_mm = 0.9"), ["scale_bars[0].length_mm", "0.9"]),
+    "boards collide": (('name = "B"', 'name = "A"'), ["boards", "'A'"]),
+    "code does not exist": (("codes = [101, 102]", "codes = [101, 517]"), ["517", "1 to 516", "control bar"]),
+    "code used twice": (("first_code = 11", "first_code = 8"), ["code number 8 is used twice", "A and B"]),
+    "camera inside a wall": (
+        ("[render]", '[[stations]]\nname = "lost"\nposition_mm = [0, 900, 500]\n\n[render]'),
+        ["'wall'", "lost", "(0, 900, 500)"],
+    ),
+    "station sees nothing": (
+        (
+            "[render]",
+            '[[stations]]\nname = "away"\nposition_mm = [0, -2000, 500]\nlook_at_mm = [0, -4000, 500]\n\n[render]',
+        ),
+        ["away", "sees no target"],
+    ),
+    "no light": (("ambient_w_m2_sr = 0.6", "ambient_w_m2_sr = -1"), ["room.ambient_w_m2_sr", "-1"]),
+    "missing field": (('role = "control"\n', ""), ["scale_bars[0].role", "required"]),
+    "wrong type": (("seed = 7", 'seed = "seven"'), ["seed", '"seven"']),
+    "not TOML": (("[camera]", "[camera"), ["TOML"]),
+    "mark over the edge": (("size_mm = [500, 360]", "size_mm = [450, 360]"), ["reaches over the edge"]),
+    "targets too close": (("pitch_mm = 80", "pitch_mm = 46"), ["too close", "quiet zone"]),
+    "unknown board": (('board = "A"', 'board = "Z"'), ["'Z'", "check_targets"]),
+    "unknown generator": (('generator = "grid"', 'generator = "spiral"'), ["check_targets[0]", "spiral"]),
+    "unknown algorithm": (("[render]", '[measure]\ncentroid = "magic"\n\n[render]'), ["magic", "ellipse_model"]),
+    "zero direction": (("direction = [1, -0.1, 0.05]", "direction = [0, 0, 0]"), ["scale_bars[0].direction"]),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_complaint_names_file_field_and_value(name: str, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    (old, new), words = CASES[name]
+    assert old in QUICK
+    said = complaint(tmp_path, capsys, QUICK.replace(old, new))
+    for word in words:
+        assert word in said, said
+
+
+def test_targets_too_small_to_decode_are_a_warning_with_the_pixel_size(
+    tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    scene = tmp_path / "small.toml"
+    scene.write_text(QUICK.replace("focal_length_mm = 8.0", "focal_length_mm = 4.0"))
+    assert main(["validate", str(scene)]) == 0
+    said = capsys.readouterr().err
+    assert "too small to decode" in said
+    assert "px" in said
+
+
+def test_a_missing_scene_or_run_is_said_so(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    assert main(["run", str(tmp_path / "none.toml")]) == 2
+    assert "no such scene file" in capsys.readouterr().err
+    assert main(["detect", str(tmp_path)]) == 2
+    assert "no scene.toml here" in capsys.readouterr().err
+
+
+def test_a_full_disk_is_said_so(tmp_path: Path, capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch) -> None:
+    import errno
+
+    from testfield.targets.field import Field
+
+    def full(self: Field, path: Path) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Field, "save", full)
+    assert main(["run", str(SCENES / "quick.toml"), "--out", str(tmp_path / "run")]) == 2
+    assert "the disk is full" in capsys.readouterr().err

@@ -1,0 +1,158 @@
+"""The fast renderer against geometry, against Mitsuba's path tracer, and against itself."""
+
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from testfield.render.fast import pixel_weights, render_fast
+from testfield.render.irradiance import Irradiance, compute_irradiance
+from testfield.render.path import render_path
+from testfield.render.stage import Stage, build_stage
+from testfield.scene.build import build_world
+from testfield.scene.load import load_scene
+from testfield.scene.truth import see
+from testfield.scene.world import World
+
+QUICK = Path(__file__).parents[1] / "scenes/quick.toml"
+
+
+@pytest.fixture(scope="module")
+def world() -> World:
+    return build_world(load_scene(QUICK))
+
+
+@pytest.fixture(scope="module")
+def stage(world: World) -> Stage:
+    return build_stage(world)
+
+
+def even_light(world: World) -> Irradiance:
+    n = len(world.panels)
+    return Irradiance(np.full((n, 2), 2), np.full(4 * n, np.pi, np.float32), np.ones(n, bool))
+
+
+def test_centres_of_evenly_lit_dots_are_true_to_0_0002_px(world: World, stage: Stage) -> None:
+    image = render_fast(stage, even_light(world), 0, 3).values.astype(float)
+    views, marks = see(world), world.marks
+    albedo = world.panels.ground_albedo[0], world.panels.ink_albedo[0]
+    errors, areas = [], []
+    for k in np.flatnonzero((marks.code == 0) & (views.visible[0] == 1)):
+        x, y = np.rint(views.disc_px[0, k]).astype(int)
+        h = 12
+        ink = (image[y - h : y + h + 1, x - h : x + h + 1] - albedo[0]) / (albedo[1] - albedo[0])
+        g = np.arange(-h, h + 1)
+        ink[np.hypot(*np.meshgrid(g, g)) > h] = 0  # the neighbours
+        area = ink.sum()
+        errors.append(np.array([x + (ink.sum(0) @ g) / area, y + (ink.sum(1) @ g) / area]) - views.disc_px[0, k])
+        areas.append(area / (np.pi / 4 * views.diameter_px[0, k] ** 2))
+    assert len(errors) > 80
+    assert np.sqrt(np.mean(np.square(errors))) < 0.0002
+    assert np.abs(errors).max() < 0.001
+    assert abs(np.mean(areas) - 1) < 1e-5
+
+
+def test_half_a_pixel_would_be_seen(world: World, stage: Stage) -> None:
+    shifted = replace(world, interior=world.interior.with_parameters(world.interior.parameters + np.eye(9)[2] * 0.5))
+    a = render_fast(stage, even_light(world), 0, 2).values
+    b = render_fast(replace(stage, world=shifted), even_light(world), 0, 2).values
+    assert np.abs(a - b).max() > 0.2
+
+
+def test_fast_and_path_agree_within_the_noise(world: World) -> None:
+    small = replace(
+        world.interior, width_px=320, height_px=256, parameters=world.interior.parameters * ([0.25] * 4 + [1] * 5)
+    )
+    plain = replace(world, interior=small, psf_sigma_px=0.0)
+    stage = build_stage(plain)
+    light = compute_irradiance(stage, 40.0, 8192, 5, lambda _: None)
+    fast = render_fast(stage, light, 1, 8).values.astype(float)
+    runs = np.stack([render_path(stage, 1, 64, 100 + k).values.astype(float) for k in range(24)])
+    mean, u = runs.mean(axis=0), runs.std(axis=0, ddof=1) / np.sqrt(len(runs))
+    boards = _board_pixels(plain, 1)
+    # Over blocks of 8 x 8 pixels, so that a small systematic difference cannot hide in the noise of single pixels.
+    difference, spread = _blocks(fast - mean, boards), _blocks(u**2, boards)
+    z = difference / np.sqrt(spread / 64)
+    assert len(z) > 80
+    assert np.sqrt((z**2).mean()) < 1.35
+    assert abs((fast - mean)[boards].mean()) < 2e-3 * mean[boards].mean()
+
+
+def _board_pixels(world: World, station: int) -> np.ndarray:
+    """Pixels that lie well inside a board's image."""
+    import cv2
+
+    from testfield.camera.project import project
+
+    mask = np.zeros((world.interior.height_px, world.interior.width_px), np.uint8)
+    for k, size in enumerate(world.panels.size_mm[: 2 * len(world.field.boards) : 2]):
+        corner = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * size / 2 * 0.95
+        R, t = world.panels.world_from_panel.R[2 * k], world.panels.world_from_panel.t_mm[2 * k]
+        pose = world.camera_from_world[np.full(4, station)]
+        cv2.fillConvexPoly(mask, np.rint(project(world.interior, pose, corner @ R[:, :2].T + t)).astype(np.int32), 1)
+    return cv2.erode(mask, np.ones((3, 3), np.uint8)).astype(bool)
+
+
+def _blocks(values: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    h, w = values.shape
+
+    def fold(a: np.ndarray) -> np.ndarray:
+        return a.reshape(h // 8, 8, w // 8, 8).transpose(0, 2, 1, 3).reshape(-1, 64)
+
+    whole = fold(mask).all(axis=1)
+    return fold(values)[whole].mean(axis=1)
+
+
+def test_pixel_weights_have_the_width_of_pixel_and_blur() -> None:
+    for cells in (2, 3, 8):
+        weights, margin = pixel_weights(cells, 0.6)
+        x = (np.arange(len(weights)) + 0.5) / cells - 0.5 - margin
+        assert weights.sum() == pytest.approx(1)
+        # The cells' own area is part of the whole width.
+        assert weights @ x**2 + 1 / (12 * cells**2) == pytest.approx(0.6**2 + 1 / 12, rel=2e-3)
+
+
+def test_same_bytes_with_one_and_two_threads_and_twice_in_a_row(tmp_path: Path) -> None:
+    script = (
+        "import sys, hashlib; from pathlib import Path\n"
+        "from testfield.render.variant import mitsuba; mitsuba()\n"
+        "import drjit as dr; dr.set_thread_count(int(sys.argv[1]))\n"
+        "from testfield.scene.build import build_world; from testfield.scene.load import load_scene\n"
+        "from testfield.render.stage import build_stage; from testfield.render.fast import render_fast\n"
+        "from testfield.render.irradiance import compute_irradiance\n"
+        f"s = build_stage(build_world(load_scene(Path({str(QUICK)!r}))))\n"
+        "light = compute_irradiance(s, 200.0, 64, 1, lambda _: None)\n"
+        "print(hashlib.sha256(light.values.tobytes() + render_fast(s, light, 2, 2).values.tobytes()).hexdigest())\n"
+    )
+    made = [
+        subprocess.run([sys.executable, "-c", script, threads], check=True, capture_output=True, text=True).stdout
+        for threads in ("1", "2", "2")
+    ]
+    assert len(set(made)) == 1
+
+
+def test_an_llvm_that_would_abort_is_never_chosen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from testfield.errors import TestfieldError
+    from testfield.render import llvm
+
+    old, new = tmp_path / "libLLVM-15.so", tmp_path / "libLLVM-19.so"
+    old.touch(), new.touch()
+    monkeypatch.setattr(llvm, "PLACES", (str(tmp_path / "libLLVM*.so*"),))
+    monkeypatch.setattr(llvm, "version_of", lambda path: 15 if "15" in path.name else 19)
+    monkeypatch.setenv("DRJIT_LIBLLVM_PATH", str(old))
+    assert llvm.usable_library() == new
+    new.unlink()
+    assert llvm.usable_library() is None
+    with pytest.raises(TestfieldError, match="apt-get install libllvm19"):
+        llvm.require_library()
+
+
+def test_a_file_that_is_no_library_has_no_version(tmp_path: Path) -> None:
+    from testfield.render.llvm import version_of
+
+    fake = tmp_path / "libLLVM-19.so"
+    fake.write_bytes(b"not a library")
+    assert version_of(fake) == 0

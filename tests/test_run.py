@@ -1,0 +1,167 @@
+"""The chain on the quick scene: what it makes, what it keeps, and what it makes again."""
+
+import json
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from testfield.chain.run import Run, begin, resume
+from testfield.chain.stages import STAGES, run_stage
+from testfield.score.scorecard import figure
+
+QUICK = Path(__file__).parents[1] / "scenes/quick.toml"
+KEYS = (
+    "detection.expected", "detection.found", "detection.missed", "detection.false", "detection.wrong_code",
+    "detection.centre_rms_px", "detection.centre_bias_px",
+    "calibration.reprojection_rms_px", "calibration.corner_error_px",
+    "points.rmse_mm", "points.relative_accuracy", "points.anees", "lengths.check_error_mm", "boards.pose_rms_mm",
+    "time_s.render", "time_s.detect",
+)  # fmt: skip
+
+
+def card_of(run: Run) -> dict:
+    return json.loads((run.folder / "scorecard.json").read_text())
+
+
+@pytest.fixture
+def copy(quick: Run, tmp_path: Path) -> Run:
+    """A copy of the finished run that a test may damage."""
+    shutil.copytree(quick.folder, tmp_path / "quick")
+    return resume(tmp_path / "quick", 1)
+
+
+def made_again(run: Run) -> list[str]:
+    return [name for name in STAGES if run_stage(run, name)]
+
+
+def test_the_scorecard_has_its_stable_keys(quick: Run) -> None:
+    card = card_of(quick)
+    for key in KEYS:
+        assert figure(card, key) is not None, key
+
+
+def test_the_quick_scene_is_measured_as_well_as_its_images_allow(quick: Run) -> None:
+    card = card_of(quick)
+    assert card["detection"]["found_fraction"] >= 0.99
+    assert card["detection"]["wrong_code"] == card["detection"]["wrong_dot"] == card["detection"]["false"] == 0
+    assert card["detection"]["centre_rms_px"] < 0.008
+    assert 0.9 < card["detection"]["centre_anees"] < 1.15
+    assert 0.95 < card["calibration"]["sigma0"] < 1.1
+    assert card["points"]["relative_accuracy"] > 50_000
+    assert 0.4 < card["points"]["anees"] < 1.9  # 24 degrees of freedom
+    assert abs(card["lengths"]["check_error_mm"]) < 0.03
+
+
+def test_a_run_holds_what_its_description_says(quick: Run) -> None:
+    measured = ("observations.parquet", "calibration.json", "points.parquet", "scorecard.json", "report.html")
+    truth = ("truth/marks.parquet", "truth/views.parquet", "truth/camera.json")
+    for name in ("scene.toml", "run.json", "field.json", *measured, *truth):
+        assert (quick.folder / name).stat().st_size > 0, name
+    for station in quick.stations:
+        assert (quick.folder / f"radiance/{station}.exr").is_file()
+        assert (quick.folder / f"frames/{station}.png").is_file()
+    assert not list(quick.folder.rglob(".*part*"))
+
+
+def test_a_second_run_makes_nothing_and_leaves_the_same_bytes(copy: Run) -> None:
+    before = {path: path.read_bytes() for path in copy.folder.rglob("*") if path.is_file() and path.name != "run.json"}
+    again, _ = begin(copy.folder / "scene.toml", copy.folder, None, 1)
+    assert made_again(again) == []
+    assert {path: path.read_bytes() for path in before} == before
+
+
+def test_other_noise_renders_nothing_again(copy: Run) -> None:
+    text = (copy.folder / "scene.toml").read_text()
+    (copy.folder / "scene.toml").write_text(text.replace("[exposure]", "[sensor]\nread_noise_e = 5\n\n[exposure]"))
+    run = resume(copy.folder, 1)
+    made = made_again(run)
+    assert "render" not in made
+    assert made[:2] == ["expose", "detect"]
+
+
+@pytest.mark.parametrize("damage", ["empty", "truncated", "gone"])
+def test_damaged_images_are_made_again_and_nothing_else(copy: Run, damage: str) -> None:
+    stations = copy.stations
+    before = card_of(copy)
+    for name in (f"radiance/{stations[1]}.exr", f"frames/{stations[2]}.png"):
+        path = copy.folder / name
+        content = path.read_bytes()
+        if damage == "gone":
+            path.unlink()
+        else:
+            path.write_bytes(b"" if damage == "empty" else content[: len(content) // 2])
+    untouched = (copy.folder / f"radiance/{stations[0]}.exr").stat().st_mtime_ns
+    assert made_again(copy)[:2] == ["render", "expose"]
+    assert (copy.folder / f"radiance/{stations[0]}.exr").stat().st_mtime_ns == untouched
+    after = card_of(copy)
+    assert {k: v for k, v in after.items() if k != "time_s"} == {k: v for k, v in before.items() if k != "time_s"}
+
+
+def test_a_damaged_ledger_only_costs_time(copy: Run) -> None:
+    before = (copy.folder / "observations.parquet").read_bytes()
+    (copy.folder / "run.json").write_text('{"notes": {')
+    run = resume(copy.folder, 2)
+    run_stage(run, "expose")
+    run_stage(run, "detect")
+    assert (copy.folder / "observations.parquet").read_bytes() == before
+
+
+def test_a_killed_run_continues_to_the_same_result(quick: Run, tmp_path: Path) -> None:
+    folder = tmp_path / "killed"
+    command = [sys.executable, "-m", "testfield", "run", str(QUICK), "--out", str(folder), "--jobs", "2"]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    while len(list(folder.glob("radiance/*.exr"))) < 3:
+        assert process.poll() is None
+        time.sleep(0.02)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    done = {path: path.stat().st_mtime_ns for path in folder.glob("radiance/*.exr")}
+    assert 3 <= len(done) < len(quick.stations)
+    run, _ = begin(QUICK, folder, None, 2)
+    for name in STAGES:
+        run_stage(run, name)
+    for path, when in done.items():
+        assert path.stat().st_mtime_ns == when
+    for name in ("observations.parquet", "calibration.json", "points.parquet"):
+        assert (folder / name).read_bytes() == (quick.folder / name).read_bytes(), name
+    for station in quick.stations:
+        name = f"frames/{station}.png"
+        assert (folder / name).read_bytes() == (quick.folder / name).read_bytes()
+
+
+def test_a_peers_observations_enter_at_calibrate(copy: Run) -> None:
+    from testfield.detect.observations import Observations
+
+    path = copy.folder / "observations.parquet"
+    observations = Observations.load(path)
+    observations.take(observations.station < 7).save(path)
+    assert run_stage(copy, "calibrate")
+    assert (
+        json.loads((copy.folder / "calibration.json").read_text())["used"]
+        < card_of(copy)["calibration"]["observations"]
+    )
+
+
+def test_another_seed_changes_the_noise_and_what_was_drawn(tmp_path: Path) -> None:
+    from testfield.chain.run import with_seed
+    from testfield.scene.build import build_world
+    from testfield.scene.load import parse_scene
+
+    text = QUICK.read_text()
+    a, b = (build_world(parse_scene(with_seed(text, seed), "x")) for seed in (7, 8))
+    assert build_world(parse_scene(text, "x")).seed == 7
+    assert not (a.marks.xy_mm == b.marks.xy_mm).all()
+    assert (a.marks.xy_mm == build_world(parse_scene(text, "x")).marks.xy_mm).all()
+
+
+def test_the_report_stands_alone(quick: Run) -> None:
+    page = (quick.folder / "report.html").read_text()
+    assert page.count("<img") == page.count('src="data:image/')
+    assert "http" not in page.replace("http-equiv", "").split("<main>")[0]
+    for title in ("Detection", "Calibration", "Lengths", "Check points", "Provenance"):
+        assert f"<h2>{title}" in page
