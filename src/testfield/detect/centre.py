@@ -59,19 +59,20 @@ def usable(q: np.ndarray, dx: np.ndarray, dy: np.ndarray) -> np.ndarray:
 
 def windows(
     image: np.ndarray, xy_px: np.ndarray, half: np.ndarray, most: int = 256
-) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
-    """Windows of equal size in batches: rows, pixel values (m, k), and their x and y (m, k).
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
+    """Windows of equal size in batches: rows, pixel values (m, k), their x and y (m, k), and which of them exist.
 
-    Windows that would leave the image are left out.
+    A window may reach over the image's edge; a target near it is measured from the pixels there are.
     """
     height, width = image.shape
     corner = np.rint(xy_px).astype(int)
-    inside = np.all((corner - half[:, None] >= 0) & (corner + half[:, None] < [width, height]), axis=1)
-    for size in np.unique(half[inside]):
-        rows = np.flatnonzero(inside & (half == size))
+    for size in np.unique(half):
+        rows = np.flatnonzero(half == size)
         offset = np.arange(-size, size + 1)
         dy, dx = (g.ravel() for g in np.meshgrid(offset, offset, indexing="ij"))
         for start in range(0, len(rows), most):
             part = rows[start : start + most]
             x, y = corner[part, :1] + dx, corner[part, 1:] + dy
-            yield part, image[y, x].astype(np.float64), x, y
+            inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
+            values = image[y.clip(0, height - 1), x.clip(0, width - 1)].astype(np.float64)
+            yield part, values, x, y, inside

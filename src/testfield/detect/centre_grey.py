@@ -12,11 +12,11 @@ def grey_centroid(image_dn: np.ndarray, sheet: SensorSheet, xy_px: np.ndarray, m
     """Measure dots from rough centres (n, 2) and moments (n, 2, 2) in an image (h, w) of bright marks."""
     found = Centres.empty(len(xy_px))
     shape = np.linalg.inv(4 * moments_px2)
-    for rows, values, x, y in windows(image_dn, xy_px, half_widths(moments_px2)):
+    for rows, values, x, y, inside in windows(image_dn, xy_px, half_widths(moments_px2)):
         dx, dy = x - xy_px[rows, :1], y - xy_px[rows, 1:]
         g = shape[rows]
         q2 = g[:, 0, :1] * dx * dx + 2 * g[:, 0, 1:] * dx * dy + g[:, 1, 1:] * dy * dy
-        use = usable(np.sqrt(q2), dx, dy)
+        use = inside & usable(np.sqrt(q2), dx, dy)
         inner, outer = use & (q2 < 0.36), use & (q2 > 1.44)
         black = (values * outer).sum(1) / np.maximum(outer.sum(1), 1)
         white = (values * inner).sum(1) / np.maximum(inner.sum(1), 1)

@@ -22,13 +22,19 @@ CX, CY, GXX, GXY, GYY, CONTRAST, BACKGROUND, SLOPE_X, SLOPE_Y, BLUR = range(10)
 def ellipse_model(image_dn: np.ndarray, sheet: SensorSheet, xy_px: np.ndarray, moments_px2: np.ndarray) -> Centres:
     """Measure dots from rough centres (n, 2) and moments (n, 2, 2) in an image (h, w) of bright marks."""
     found = Centres.empty(len(xy_px))
-    for rows, values, x, y in windows(image_dn, xy_px, half_widths(moments_px2)):
-        found.put(rows, _fit(values, x, y, sheet, xy_px[rows], moments_px2[rows]))
+    for rows, values, x, y, inside in windows(image_dn, xy_px, half_widths(moments_px2)):
+        found.put(rows, _fit(values, x, y, inside, sheet, xy_px[rows], moments_px2[rows]))
     return found
 
 
 def _fit(
-    values: np.ndarray, x: np.ndarray, y: np.ndarray, sheet: SensorSheet, xy: np.ndarray, moments: np.ndarray
+    values: np.ndarray,
+    x: np.ndarray,
+    y: np.ndarray,
+    inside: np.ndarray,
+    sheet: SensorSheet,
+    xy: np.ndarray,
+    moments: np.ndarray,
 ) -> Centres:
     n = len(values)
     shape = np.linalg.inv(4 * moments)
@@ -36,13 +42,13 @@ def _fit(
     x, y = x - origin[:, :1], y - origin[:, 1:]
     dx, dy = x - (xy - origin)[:, :1], y - (xy - origin)[:, 1:]
     q = np.sqrt(_form(shape, dx, dy))
-    use = usable(q, dx, dy)
-    inner, outer = use & (q < 0.6), use & (q > 1.2)
+    use = inside & usable(q, dx, dy)
+    core, outer = use & (q < 0.6), use & (q > 1.2)
     theta = np.zeros((n, 10))
     theta[:, [CX, CY]] = xy - origin
     theta[:, GXX], theta[:, GXY], theta[:, GYY] = shape[:, 0, 0], shape[:, 0, 1], shape[:, 1, 1]
     theta[:, BACKGROUND] = _mean(values, outer)
-    theta[:, CONTRAST] = _mean(values, inner) - theta[:, BACKGROUND]
+    theta[:, CONTRAST] = _mean(values, core) - theta[:, BACKGROUND]
     theta[:, BLUR] = 0.7
     weight = use / sheet.variance_dn2(values)
 
@@ -53,7 +59,7 @@ def _fit(
         if k in RESHAPE:
             # The rough blob may be too large by its blur; what the fit may use follows from the fit itself.
             dx, dy = x - theta[:, [CX]], y - theta[:, [CY]]
-            use = usable(np.sqrt(np.maximum(_form(_shape(theta), dx, dy), 0)), dx, dy)
+            use = inside & usable(np.sqrt(np.maximum(_form(_shape(theta), dx, dy), 0)), dx, dy)
         model, jacobian = _model(theta, x, y)
         if k:  # the model's own value is a better guess of a pixel's mean than the noisy pixel
             weight = use / sheet.variance_dn2(model)
