@@ -11,7 +11,7 @@ INK, ACCENT, WARM, FAINT = "#1d2b36", "#14699c", "#c4502a", "#9fb0bb"
 def figure(
     width_in: float, height_in: float, columns: int = 1, rows: int = 1, **options: Any
 ) -> Iterator[tuple[Any, Any]]:
-    """A figure with its axes (none where `columns` is 0), closed afterwards. Drawn without a display and without pyplot's global state."""
+    """A figure with its axes (none where `columns` is 0), drawn without a display and without pyplot's global state."""
     from matplotlib import rc_context
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
