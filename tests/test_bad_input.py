@@ -49,6 +49,29 @@ CASES = {
     "unknown board": (('board = "A"', 'board = "Z"'), ["'Z'", "check_targets"]),
     "unknown generator": (('generator = "grid"', 'generator = "spiral"'), ["check_targets[0]", "spiral"]),
     "unknown algorithm": (("[render]", '[measure]\ncentroid = "magic"\n\n[render]'), ["magic", "ellipse_model"]),
+    "not a number": (
+        ("position_mm = [0, 250, 560]", "position_mm = [nan, 250, 560]"),
+        ["boards[0].position_mm", "finite"],
+    ),
+    "infinite": (("time_ms = 8.0", "time_ms = inf"), ["exposure.time_ms", "finite"]),
+    "path with blur": (("[render]", '[render]\nmode = "path"'), ["render.mode", "camera.psf_sigma_px", "0.6"]),
+    "name that leaves the folder": (
+        ("[render]", '[[stations]]\nname = "../x"\nposition_mm = [0, -2000, 500]\n\n[render]'),
+        ["stations[2].name", "../x"],
+    ),
+    "scene named by dots": (('name = "quick"', 'name = ".."'), ["name", '".."']),
+    "ring without axis": (
+        (
+            "[render]",
+            '[[stations]]\ngenerator = "ring"\ncount = 3\nradius_mm = 100\ncentre_mm = [0, -2000, 600]\naxis = [0, 0, 0]\n\n[render]',
+        ),
+        ["stations[2].axis", "length zero"],
+    ),
+    "box inside out": (("low_mm = [-330, -60, 330]", "low_mm = [430, -60, 330]"), ["check_targets[0]", "low_mm"]),
+    "negative size": (("size_mm = [1400, 900]", "size_mm = [-1400, 900]"), ["room.lights[0].size_mm", "-1400"]),
+    "no contrast": (("[render]", "[paint]\nwhite = 0.3\nblack = 0.4\n\n[render]"), ["paint.white", "0.3"]),
+    "bar named like a board": (('name = "check bar"', 'name = "A"'), ["'A'", "boards[0]"]),
+    "far too many": (("columns = 6, rows = 7", "columns = 60000, rows = 7"), ["columns", "60000"]),
     "zero direction": (("direction = [1, -0.1, 0.05]", "direction = [0, 0, 0]"), ["scale_bars[0].direction"]),
 }
 
@@ -78,6 +101,29 @@ def test_a_missing_scene_or_run_is_said_so(tmp_path: Path, capsys: pytest.Captur
     assert "no such scene file" in capsys.readouterr().err
     assert main(["detect", str(tmp_path)]) == 2
     assert "no scene.toml here" in capsys.readouterr().err
+
+
+def test_unusual_files_are_named(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    (tmp_path / "binary.toml").write_bytes(bytes(range(256)))
+    (tmp_path / "empty.toml").write_bytes(b"")
+    (tmp_path / "bom.toml").write_bytes(b"\xef\xbb\xbf" + QUICK.encode())
+    for name, words in (("binary.toml", "not a text file"), ("empty.toml", "boards"), (".", "a folder")):
+        assert main(["validate", str(tmp_path / name)]) == 2
+        assert words in capsys.readouterr().err
+    assert main(["validate", str(tmp_path / "bom.toml")]) == 0
+
+
+def test_jobs_and_seed_have_a_least_value(capsys: pytest.CaptureFixture) -> None:
+    for option, value in (("--jobs", "0"), ("--seed", "-1")):
+        assert main(["run", str(SCENES / "quick.toml"), option, value]) == 2
+        assert option in capsys.readouterr().err
+
+
+def test_a_board_nobody_sees_is_named(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    scene = tmp_path / "away.toml"
+    scene.write_text(QUICK.replace("normal = [-0.45, -1, 0.3]", "normal = [0.45, 1, 0.3]"))
+    assert main(["validate", str(scene)]) == 0
+    assert "board 'C' is seen by no station" in capsys.readouterr().err
 
 
 def test_a_full_disk_is_said_so(tmp_path: Path, capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch) -> None:

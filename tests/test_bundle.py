@@ -108,10 +108,27 @@ def test_the_claimed_covariance_is_the_observed_scatter() -> None:
     assert np.mean(chi2) == pytest.approx(1, abs=0.03)
 
 
+def test_a_view_straight_onto_a_plane_cannot_know_the_focal_length() -> None:
+    flat = true_network(flat=True)
+    one = replace(
+        flat,
+        boards=Poses(np.stack([np.eye(3), np.eye(3)]), np.array([[0, 0, 0], [900.0, 0, 0]])),
+        ends=np.zeros((0, 2), int), length_mm=np.zeros(0), u_length_mm=np.zeros(0),
+    ).take(flat.point < 60)  # fmt: skip
+    one = replace(one, xy_px=one.project()[0])
+    slanted = adjust(true_network(), true_network().labels(NAMES, BOARDS)).covariance
+    try:
+        weak = adjust(one, one.labels(NAMES, BOARDS)).covariance
+    except TestfieldError as error:
+        assert "fx" in str(error) or "tz" in str(error)
+    else:
+        assert weak[0, 0] > 1e4 * slanted[0, 0]
+
+
 def test_what_is_not_determined_is_named() -> None:
     truth = true_network()
     alone = truth.take(truth.station != 3)
-    with pytest.raises(TestfieldError, match=r"s3\.") as caught:
+    with pytest.raises(TestfieldError, match=r"station:s3\.") as caught:
         adjust(alone, truth.labels(NAMES, BOARDS))
     assert "do not determine" in str(caught.value)
 

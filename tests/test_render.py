@@ -55,11 +55,48 @@ def test_centres_of_evenly_lit_dots_are_true_to_0_0002_px(world: World, stage: S
     assert abs(np.mean(areas) - 1) < 1e-5
 
 
-def test_half_a_pixel_would_be_seen(world: World, stage: Stage) -> None:
+def test_a_dot_in_the_very_middle_of_a_cell_is_whole() -> None:
+    """A station that looks straight at a mark, an odd image and odd cells: one cell's centre is the mark's centre."""
+    scene = load_scene(QUICK)
+    board = scene.boards[0]
+    target = np.array(board.position_mm) - 1000 * np.array([0, 1.0, 0])
+    flat = board.model_copy(
+        update={
+            "normal": (0.0, -1.0, 0.0),
+            "spin_deg": 0.0,
+            "extension_zone": board.extension_zone.model_copy(
+                update={"columns": 1, "rows": 1, "centre_mm": (0.0, 0.0)}
+            ),
+        }
+    )
+    station = scene.stations[0].model_validate(
+        {"generator": "arc", "count": 1, "radius_mm": 1000, "height_mm": board.position_mm[2], "azimuth_deg": [0, 0],
+         "look_at_mm": board.position_mm}
+    )  # fmt: skip
+    camera = scene.camera.model_copy(update={"width_px": 641, "height_px": 513, "psf_sigma_px": 0.0, "k1": 0.0, "k2": 0.0,
+                                             "p1": 0.0, "p2": 0.0, "principal_point_offset_px": (0.0, 0.0)})  # fmt: skip
+    world = build_world(
+        scene.model_copy(update={"boards": (flat,), "check_targets": (), "stations": (station,), "camera": camera})
+    )
+    exact = replace(
+        world, marks=replace(world.marks, xy_mm=np.where(world.marks.code[:, None] == 0, 0.0, world.marks.xy_mm))
+    )
+    assert np.allclose(exact.camera_from_world.origin_mm[0], target)
+    image = render_fast(build_stage(exact), even_light(exact), 0, 3).values
+    assert image[256, 320] == pytest.approx(scene.paint.white, abs=1e-6)
+    assert image[256, 318:323].min() == pytest.approx(scene.paint.white, abs=1e-6)
+
+
+def test_half_a_pixel_of_convention_would_be_seen(world: World, stage: Stage) -> None:
+    """The same test as above, of an image whose pixels are half a pixel elsewhere, must fail it."""
     shifted = replace(world, interior=world.interior.with_parameters(world.interior.parameters + np.eye(9)[2] * 0.5))
-    a = render_fast(stage, even_light(world), 0, 2).values
-    b = render_fast(replace(stage, world=shifted), even_light(world), 0, 2).values
-    assert np.abs(a - b).max() > 0.2
+    image = render_fast(replace(stage, world=shifted), even_light(world), 0, 3).values.astype(float)
+    views, marks = see(world), world.marks
+    k = np.flatnonzero((marks.code == 0) & (views.visible[0] == 1))[0]
+    x, y = np.rint(views.disc_px[0, k]).astype(int)
+    ink = image[y - 9 : y + 10, x - 9 : x + 10] - image[y - 9 : y + 10, x - 9 : x + 10].min()
+    error = x + ink.sum(0) @ np.arange(-9, 10) / ink.sum() - views.disc_px[0, k, 0]
+    assert error == pytest.approx(0.5, abs=0.02)
 
 
 def test_fast_and_path_agree_within_the_noise(world: World) -> None:

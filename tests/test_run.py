@@ -111,16 +111,25 @@ def test_a_damaged_ledger_only_costs_time(copy: Run) -> None:
     assert (copy.folder / "observations.parquet").read_bytes() == before
 
 
+def _entered(folder: Path) -> list[str]:
+    """Radiance images that the ledger of a run in progress knows to be whole."""
+    try:
+        files = json.loads((folder / "run.json").read_text())["files"]
+    except FileNotFoundError:
+        return []
+    return [name for name in files if name.endswith(".exr")]
+
+
 def test_a_killed_run_continues_to_the_same_result(quick: Run, tmp_path: Path) -> None:
     folder = tmp_path / "killed"
     command = [sys.executable, "-m", "testfield", "run", str(QUICK), "--out", str(folder), "--jobs", "2"]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    while len(list(folder.glob("radiance/*.exr"))) < 3:
+    while len(_entered(folder)) < 3:
         assert process.poll() is None
         time.sleep(0.02)
     process.send_signal(signal.SIGKILL)
     process.wait()
-    done = {path: path.stat().st_mtime_ns for path in folder.glob("radiance/*.exr")}
+    done = {folder / name: (folder / name).stat().st_mtime_ns for name in _entered(folder)}
     assert 3 <= len(done) < len(quick.stations)
     run, _ = begin(QUICK, folder, None, 2)
     for name in STAGES:
@@ -145,6 +154,87 @@ def test_a_peers_observations_enter_at_calibrate(copy: Run) -> None:
         json.loads((copy.folder / "calibration.json").read_text())["used"]
         < card_of(copy)["calibration"]["observations"]
     )
+
+
+def test_a_result_of_older_inputs_is_said_to_be_one(copy: Run, capsys: pytest.CaptureFixture) -> None:
+    from testfield.cli.main import main
+    from testfield.detect.observations import Observations
+
+    path = copy.folder / "observations.parquet"
+    Observations.load(path).take(Observations.load(path).station < 7).save(path)
+    assert main(["score", str(copy.folder)]) == 0
+    assert "calibration.json was made from another observations.parquet" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("name", "stage"),
+    [
+        ("radiance/station02.exr", "expose"),
+        ("frames/station02.png", "detect"),
+        ("frames/station02.json", "detect"),
+        ("observations.parquet", "calibrate"),
+        ("calibration.json", "reconstruct"),
+        ("points.parquet", "score"),
+        ("field.json", "detect"),
+    ],
+)
+def test_a_stage_alone_names_the_damaged_file(copy: Run, name: str, stage: str, capsys: pytest.CaptureFixture) -> None:
+    from testfield.cli.main import main
+
+    path = copy.folder / name
+    path.write_bytes(path.read_bytes()[:40])
+    assert main([stage, str(copy.folder)]) == 2
+    assert path.name in capsys.readouterr().err
+
+
+def test_a_frame_of_another_size_is_refused(copy: Run, capsys: pytest.CaptureFixture) -> None:
+    import cv2
+    import numpy as np
+
+    from testfield.cli.main import main
+
+    cv2.imwrite(str(copy.folder / "frames/station03.png"), np.zeros((512, 640), np.uint16))
+    assert main(["detect", str(copy.folder)]) == 2
+    said = capsys.readouterr().err
+    assert "640 x 512" in said
+    assert "1280 x 1024" in said
+
+
+def test_a_frame_that_is_not_the_runs_own_is_not_written_over(quick: Run, tmp_path: Path) -> None:
+    shutil.copytree(quick.folder, tmp_path / "own")
+    run = resume(tmp_path / "own", 1)
+    for name in list(run.ledger.files):
+        if name.startswith("frames/"):
+            del run.ledger.files[name]
+    mine = (run.folder / "frames/station01.png").read_bytes()
+    run_stage(run, "expose")
+    assert (run.folder / "frames/station01-before.png").read_bytes() == mine
+
+
+def test_a_scene_without_checks_or_bars_still_gives_a_report(tmp_path: Path) -> None:
+    text = QUICK.read_text()
+    start, end = text.index("[[scale_bars]]"), text.index("[[stations]]")
+    scene = tmp_path / "bare.toml"
+    scene.write_text((text[:start] + text[end:]).replace("width_px = 1280", "width_px = 1281"))
+    run, _ = begin(scene, tmp_path / "bare", None, 2)
+    for name in STAGES:
+        run_stage(run, name)
+    assert "No check target was measured" in (run.folder / "report.html").read_text()
+    assert any("no control bar" in note for note in run.measuring_notes())
+
+
+def test_every_file_a_stage_computes_with_is_in_its_key() -> None:
+    from testfield.chain.code import ROOT, sources
+
+    for module, files in {
+        "testfield.render.fast": ("render/pattern.py", "scene/world.py", "camera/interior.py"),
+        "testfield.calibrate.stitched": ("adjust/bundle.py", "detect/observations.py", "camera/circle.py"),
+        "testfield.sensor.expose": ("seeds.py", "camera/images.py"),
+        "testfield.report.page": ("report/page.html", "score/points.py", "reconstruct/points.py"),
+    }.items():
+        found = sources((module,))
+        for name in files:
+            assert ROOT / name in found, (module, name)
 
 
 def test_another_seed_changes_the_noise_and_what_was_drawn(tmp_path: Path) -> None:

@@ -1,5 +1,12 @@
 """Errors that speak to a person: what is wrong, where, and what to do."""
 
+from collections.abc import Callable
+from functools import wraps
+from pathlib import Path
+from typing import TypeVar
+
+T = TypeVar("T")
+
 
 class TestfieldError(Exception):
     """Something a person can mend. The command line prints it in one line and exits with status 2.
@@ -26,3 +33,21 @@ class TestfieldError(Exception):
         head = f"{self.where}: " if self.where else ""
         tail = f"; {self.do}" if self.do else ""
         return f"{head}{self.what}{tail}"
+
+
+def speaking(what: str) -> Callable[[Callable[[Path], T]], Callable[[Path], T]]:
+    """Decorator of a function that reads a file: a damaged or foreign file becomes a `TestfieldError` that names it."""
+
+    def wrap(load: Callable[[Path], T]) -> Callable[[Path], T]:
+        @wraps(load)
+        def speak(path: Path) -> T:
+            try:
+                return load(path)
+            except (ValueError, KeyError, TypeError, AttributeError, EOFError) as error:
+                # Arrow's and JSON's own errors are ValueErrors.
+                reason = " ".join(f"{type(error).__name__}: {error}".split())[:120]
+                raise TestfieldError(f"not a readable {what} file ({reason})", str(path), "make it again") from error
+
+        return speak
+
+    return wrap

@@ -32,6 +32,11 @@ def names(stage: str) -> list[str]:
     return sorted(announced | set(_registered[stage]))
 
 
+def module_of(stage: str, name: str) -> str:
+    """Name of the module in which an algorithm is defined."""
+    return find(stage, name).__module__
+
+
 def find(stage: str, name: str) -> Callable:
     """The function registered under `name`, imported on demand.
 

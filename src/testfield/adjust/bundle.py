@@ -23,7 +23,8 @@ class Adjustment:
 
     `covariance` (P, P) of the reduced unknowns in the order of `Network.labels`; rotations are small turns applied
     after the pose's rotation, in rad, translations in mm. `residual_px` (m, 2) observed minus predicted; `chi2` and
-    `freedom` of the whole adjustment, priors and distances included; `steps` taken.
+    `freedom` of the whole adjustment, priors and distances included; `steps` taken;
+    `converged` whether the last step was negligible.
     """
 
     network: Network
@@ -32,6 +33,7 @@ class Adjustment:
     chi2: float
     freedom: int
     steps: int
+    converged: bool
 
     @property
     def sigma0(self) -> float:
@@ -46,7 +48,7 @@ def adjust(network: Network, labels: list[str]) -> Adjustment:
     """
     chi2 = _chi2(network)
     damping, steps = 1e-4, 0
-    system = _System(network)
+    system, converged = _System(network), False
     while steps < MOST_STEPS:
         steps += 1
         step, point_step = system.solve(damping, labels)
@@ -58,8 +60,10 @@ def adjust(network: Network, labels: list[str]) -> Adjustment:
             damping = damping / 10 if damping > 1e-12 else 0.0
             system = _System(network)
             if small < 1e-9 or (gain <= 1e-12 * chi2 and damping == 0 and small < 1e-5):
+                converged = True
                 break
         elif damping > 1e8 or system.relative_size(step) < 1e-9:
+            converged = damping <= 1e8
             break
         else:
             damping = max(damping * 10, 1e-6)
@@ -67,7 +71,7 @@ def adjust(network: Network, labels: list[str]) -> Adjustment:
     freedom = 2 * len(network.xy_px) + len(network.length_mm) + network.scale_free - len(step)
     priors = int(np.isfinite(network.u_prior_mm[np.unique(network.point)]).sum())
     freedom += priors - 3 * (len(np.unique(network.point)) - len(network.kept_points))
-    return Adjustment(network, system.covariance(labels), network.xy_px - predicted, chi2, freedom, steps)
+    return Adjustment(network, system.covariance(labels), network.xy_px - predicted, chi2, freedom, steps, converged)
 
 
 def _whitening(cov_px2: np.ndarray) -> np.ndarray:
@@ -173,6 +177,10 @@ class _System:
         point_right[idle] = 0
         self.point_normal, self.point_right = blocks3, point_right
 
+        for number, point in enumerate(kept):
+            at = first_kept + 3 * number + np.arange(3)
+            self.normal[at, at] += weight[point] ** 2
+            self.right[at] += weight[point] ** 2 * (network.prior_mm - network.point_mm)[point]
         if network.scale_free:
             self.normal[first_kept - 1, first_kept - 1] += 1 / network.u_scale**2
             self.right[first_kept - 1] += (1 - network.scale) / network.u_scale**2

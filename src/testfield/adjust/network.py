@@ -59,8 +59,8 @@ class Network:
         """A name for each unknown of the reduced system, in its order."""
         axes = ("rx", "ry", "rz", "tx", "ty", "tz")
         named = [name for name, free in zip(PARAMETERS, self.free, strict=True) if free]
-        named += [f"{s}.{axis}" for s in station_names for axis in axes]
-        named += [f"{b}.{axis}" for b in board_names[1:] for axis in axes]
+        named += [f"station:{s}.{axis}" for s in station_names for axis in axes]
+        named += [f"board:{b}.{axis}" for b in board_names[1:] for axis in axes]
         named += ["scale"] if self.scale_free else []
         return named + [f"point{k}.{axis}" for k in self.kept_points for axis in "xyz"]
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from testfield.camera.interior import Interior
 from testfield.camera.pose import Poses
+from testfield.errors import speaking
 
 ARRAYS = ("covariance", "residual_at_px", "residual_px")
 
@@ -19,9 +20,9 @@ class Calibration:
     `stations` camera-from-datum, `boards` datum-from-board poses with their names; `scale` of the boards against
     their sheets; `covariance` (P, P) of the unknowns named in `labels` (interior in the model's units, rotations in
     rad as small turns after the pose's rotation, translations in mm, scale). `sigma0` of the adjustment with
-    `freedom`; `reprojection_rms_px` over `used` observations; `rejected` rows (station, code, board, point, size of
-    the residual in standard deviations); `residual_px` (m, 2) observed minus adjusted at `residual_at_px` (m, 2);
-    `graph` edges (station, board, marks); `notes` for the reader.
+    `freedom`; `reprojection_rms_px` over `used` observations; `rejected` observations (station, board, x_px, y_px,
+    size of the residual in standard deviations); `residual_px` (m, 2) observed minus adjusted at `residual_at_px`
+    (m, 2); `graph` edges (station, board, marks); `notes` for the reader.
     """
 
     method: str
@@ -50,7 +51,7 @@ class Calibration:
 
     def station_unknowns(self, station: int) -> list[str]:
         """Names of a station's six unknowns."""
-        return [f"{self.station_names[station]}.{axis}" for axis in ("rx", "ry", "rz", "tx", "ty", "tz")]
+        return [f"station:{self.station_names[station]}.{axis}" for axis in ("rx", "ry", "rz", "tx", "ty", "tz")]
 
     def save(self, path: Path) -> None:
         """Write as JSON."""
@@ -63,6 +64,7 @@ class Calibration:
         path.write_text(json.dumps(data))
 
     @staticmethod
+    @speaking("calibration")
     def load(path: Path) -> "Calibration":
         """Read what `save` wrote."""
         data = json.loads(path.read_text())

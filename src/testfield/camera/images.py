@@ -15,18 +15,25 @@ from testfield.errors import TestfieldError
 class SensorSheet:
     """What a sensor's data sheet tells a measuring person.
 
-    `gain_e_per_dn` electrons a digital number, `read_noise_e` rms, `black_level_dn`, `bits` of the converter.
+    `gain_e_per_dn` electrons a digital number, `read_noise_e` rms, `black_level_dn`, `bits` of the converter,
+    `full_well_e` at which a pixel saturates.
     """
 
     gain_e_per_dn: float
     read_noise_e: float
     black_level_dn: float
     bits: int
+    full_well_e: float = float("inf")
 
     @property
-    def saturation_dn(self) -> int:
+    def largest_dn(self) -> int:
         """The largest digital number."""
         return (1 << self.bits) - 1
+
+    @property
+    def saturation_dn(self) -> float:
+        """The level at which a pixel saturates, by its full well or by the converter."""
+        return min(float(self.largest_dn), self.black_level_dn + self.full_well_e / self.gain_e_per_dn)
 
     def variance_dn2(self, mean_dn: np.ndarray) -> np.ndarray:
         """Variance of a pixel of given mean: read noise, shot noise and quantisation, in DN squared."""
@@ -40,7 +47,7 @@ class InvertedSheet(SensorSheet):
 
     def variance_dn2(self, mean_dn: np.ndarray) -> np.ndarray:
         """Variance of a pixel whose inverted value has the given mean."""
-        return super().variance_dn2(self.saturation_dn - mean_dn)
+        return super().variance_dn2(self.largest_dn - mean_dn)
 
 
 @dataclass(frozen=True)
@@ -66,8 +73,18 @@ class Frame:
         pixels = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if data.size else None
         if pixels is None:
             raise TestfieldError("not a readable image", str(path), "expose again, or replace the file")
-        sheet = json.loads(path.with_suffix(".json").read_text())
-        return Frame(sheet.pop("station"), pixels, SensorSheet(**sheet))
+        if pixels.ndim != 2 or pixels.dtype.kind != "u":
+            raise TestfieldError(
+                f"an image of shape {pixels.shape} and type {pixels.dtype}", str(path), "give one grey channel"
+            )
+        notes = path.with_suffix(".json")
+        try:
+            sheet = json.loads(notes.read_text())
+            return Frame(sheet.pop("station"), pixels, SensorSheet(**sheet))
+        except (ValueError, KeyError, TypeError) as error:
+            raise TestfieldError(
+                f"no readable sensor sheet ({error})", str(notes), "expose again, or replace it"
+            ) from error
 
 
 @dataclass(frozen=True)
@@ -102,5 +119,5 @@ class Radiance:
         try:
             with OpenEXR.File(str(path)) as file:
                 return Radiance(file.header()["station"], np.array(file.channels()["Y"].pixels))
-        except (RuntimeError, KeyError, OSError) as error:
+        except (RuntimeError, ValueError, KeyError, OSError) as error:
             raise TestfieldError(f"not a readable radiance image ({error})", str(path), "render again") from error

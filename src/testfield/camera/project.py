@@ -45,7 +45,7 @@ class ProjectionJacobian:
 def project_with_jacobian(
     interior: Interior, poses: Poses, xyz_mm: np.ndarray
 ) -> tuple[np.ndarray, ProjectionJacobian]:
-    """As `project`, with the derivatives of every pixel."""
+    """Pixels and their derivatives, without the domain check of `project`: for points known to be in view."""
     rotated = np.einsum("nij,nj->ni", poses.R, xyz_mm)
     camera = rotated + poses.t_mm
     z = camera[:, 2]

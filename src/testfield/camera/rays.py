@@ -5,14 +5,18 @@ import numpy as np
 from testfield.camera.interior import Interior
 from testfield.camera.pose import Poses
 from testfield.camera.project import directions
+from testfield.errors import TestfieldError
 
 
 def meet(interior: Interior, poses: Poses, xy_px: np.ndarray) -> np.ndarray:
     """The point (3,) nearest to k rays in the sense of least squares (METHODS section 1.2).
 
-    `poses` (k) camera-from-datum, `xy_px` (k, 2).
+    `poses` (k) camera-from-datum, `xy_px` (k, 2). Raises `TestfieldError` for a pixel the lens cannot reach.
     """
     d = np.einsum("nji,nj->ni", poses.R, directions(interior, xy_px))
+    if not np.isfinite(d).all():
+        x, y = xy_px[int(np.argmin(np.isfinite(d).all(axis=1)))]
+        raise TestfieldError(f"the pixel ({x:.1f}, {y:.1f}) lies outside the lens' domain", do="drop the observation")
     d /= np.linalg.norm(d, axis=1, keepdims=True)
     projector = np.eye(3) - d[:, :, None] * d[:, None, :]
     return np.linalg.solve(projector.sum(axis=0), np.einsum("nij,nj->i", projector, poses.origin_mm))

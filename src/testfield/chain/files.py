@@ -4,19 +4,15 @@ import errno
 import hashlib
 import json
 import os
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from testfield.errors import TestfieldError
-
-PACKAGES = ("mitsuba", "drjit", "numpy", "scipy", "opencv-python-headless")
 
 
 @contextmanager
@@ -65,23 +61,6 @@ def _feed(state: Any, thing: Any) -> None:
         state.update(f"{type(thing).__name__}:{thing!r};".encode())
 
 
-def code_digest(*rooms: str) -> str:
-    """Digest of the source of some rooms and of the packages they compute with: changed code is a changed input."""
-    state = hashlib.sha256(repr([sys.version_info[:2], [_version(name) for name in PACKAGES]]).encode())
-    root = Path(__file__).parents[1]
-    for room in rooms:
-        for path in sorted((root / room).glob("*.py")):
-            state.update(path.name.encode() + path.read_bytes())
-    return state.hexdigest()
-
-
-def _version(package: str) -> str:
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return "absent"
-
-
 class Ledger:
     """`run.json`: for each file of a run, the key of its inputs and the digest of its bytes; and notes on the run."""
 
@@ -100,10 +79,17 @@ class Ledger:
         entry, path = self.files.get(name), self.folder / name
         return bool(entry and entry["key"] == key and path.is_file() and file_digest(path) == entry["sha256"])
 
-    def enter(self, name: str, key: str) -> None:
-        """Record a file that was just made."""
-        self.files[name] = {"key": key, "sha256": file_digest(self.folder / name)}
+    def enter(self, name: str, key: str, inputs: list[Path] | None = None) -> None:
+        """Record a file that was just made, and the digests of the run's files it was made from."""
+        made_from = {str(path.relative_to(self.folder)): file_digest(path) for path in inputs or []}
+        self.files[name] = {"key": key, "sha256": file_digest(self.folder / name), "inputs": made_from}
         self.save()
+
+    def keep_foreign(self, name: str) -> None:
+        """Move a sound file that this run did not make out of the way, instead of writing over it."""
+        path, entry = self.folder / name, self.files.get(name)
+        if entry is None and path.is_file() and path.stat().st_size > 0:
+            path.replace(path.with_name(f"{path.stem}-before{path.suffix}"))
 
     def note(self, **notes: Any) -> None:
         """Record facts about the run."""
@@ -115,13 +101,13 @@ class Ledger:
         with whole(self.path) as path:
             path.write_text(json.dumps({"notes": self.notes, "files": dict(sorted(self.files.items()))}, indent=1))
 
-    def make(self, name: str, key: str, write: Callable[[Path], None]) -> bool:
+    def make(self, name: str, key: str, write: Callable[[Path], None], inputs: list[Path] | None = None) -> bool:
         """Have `write` make the file unless it is fresh; returns whether it was made."""
         if self.fresh(name, key):
             return False
         with whole(self.folder / name) as path:
             write(path)
-        self.enter(name, key)
+        self.enter(name, key, inputs)
         return True
 
 

@@ -1,5 +1,6 @@
 """A run: its folder, its scene, its truth, and what the stages need to know of it."""
 
+import json
 import platform
 import re
 import sys
@@ -8,7 +9,8 @@ from functools import cached_property
 from pathlib import Path
 
 from testfield import __version__
-from testfield.chain.files import PACKAGES, Ledger, _version, code_digest, digest, whole
+from testfield.chain.code import PACKAGES, code_digest, package_version
+from testfield.chain.files import Ledger, digest, whole
 from testfield.errors import TestfieldError
 from testfield.registry import STAGES, names
 from testfield.scene.build import build_world
@@ -53,11 +55,16 @@ class Run:
         """Names of the stations."""
         return self.world.station_name
 
+    def measuring_notes(self) -> list[str]:
+        """What the calibration left out or doubts, from the scorecard."""
+        card = json.loads(self.need("scorecard.json", "score").read_text())
+        return [f"{self.scene.name}: {note}" for note in card["calibration"]["notes"]]
+
     def need(self, name: str, maker: str) -> Path:
         """The path of a file that must be there; `maker` is the command that makes it."""
         path = self.folder / name
         if not path.is_file():
-            raise TestfieldError("this file is missing", str(path), f"make it with `testfield {maker} {self.folder}`")
+            raise TestfieldError("this file is missing", str(path), _advice(maker, self.folder))
         return path
 
 
@@ -67,7 +74,7 @@ def begin(scene_path: Path, out: Path | None, seed: int | None, jobs: int) -> tu
     Nothing that an earlier run made is touched before the scene has passed every check.
     """
     load_scene(scene_path)
-    text = scene_path.read_text()
+    text = scene_path.read_text(encoding="utf-8-sig")
     text = text if seed is None else with_seed(text, seed)
     scene = parse_scene(text, str(scene_path))
     folder = out or Path("renders") / scene.name
@@ -75,14 +82,16 @@ def begin(scene_path: Path, out: Path | None, seed: int | None, jobs: int) -> tu
     check_algorithms(scene, str(scene_path))
     warnings = check_scene(scene, run.world, run.views, str(scene_path))
     folder.mkdir(parents=True, exist_ok=True)
-    for leftover in folder.rglob(".*.part*"):  # of a run that was killed while it wrote
-        leftover.unlink(missing_ok=True)
+    for place in ("", "truth", "radiance", "frames"):
+        for leftover in (folder / place).glob(".*.part[0-9]*"):  # of a run that was killed while it wrote
+            leftover.unlink(missing_ok=True)
     with whole(folder / "scene.toml") as path:
         path.write_text(text)
-    run.ledger.make("field.json", digest(run.world.field, code_digest("targets")), run.world.field.save)
+    run.ledger.make("field.json", field_key(run.world.field), run.world.field.save)
     run.ledger.note(
         scene=scene.name, seed=scene.seed, command=" ".join(["testfield", *sys.argv[1:]]),
-        versions={"testfield": __version__, "python": platform.python_version()} | {p: _version(p) for p in PACKAGES},
+        versions={"testfield": __version__, "python": platform.python_version()}
+        | {name: package_version(name) for name in PACKAGES},
         machine=f"{platform.system()} {platform.machine()}, {platform.processor() or 'processor not named'}",
         warnings=warnings,
     )  # fmt: skip
@@ -102,6 +111,11 @@ def check_algorithms(scene: SceneFile, source: str) -> None:
             )
 
 
+def field_key(field: Field) -> str:
+    """Key of `field.json`."""
+    return digest(field, code_digest("testfield.targets.field"))
+
+
 def resume(folder: Path, jobs: int) -> Run:
     """The run in a folder that `testfield run` or a person laid out."""
     path = folder / "scene.toml"
@@ -109,7 +123,14 @@ def resume(folder: Path, jobs: int) -> Run:
         raise TestfieldError(
             "no scene.toml here, so this is no run's folder", str(folder), "begin with `testfield run SCENE`"
         )
-    return Run(folder, load_scene(path), str(path), Ledger(folder), jobs)
+    run = Run(folder, load_scene(path), str(path), Ledger(folder), jobs)
+    check_algorithms(run.scene, str(path))
+    known = run.ledger.files.get("field.json", {}).get("key")
+    if known and known != field_key(run.world.field):
+        raise TestfieldError(
+            "the scene has changed since its field sheet (field.json) was written", str(path), _advice("run", folder)
+        )
+    return run
 
 
 def with_seed(text: str, seed: int) -> str:
@@ -120,3 +141,9 @@ def with_seed(text: str, seed: int) -> str:
     else:
         head = f"seed = {seed}\n{head}"
     return head + table + tail
+
+
+def _advice(maker: str, folder: Path) -> str:
+    if maker == "run":
+        return f"begin again with `testfield run {folder / 'scene.toml'} --out {folder}`"
+    return f"make it with `testfield {maker} {folder}`"

@@ -1,6 +1,7 @@
 """The stages in order. Each keeps what it made as long as everything it was made from is the same."""
 
 import multiprocessing
+import os
 import signal
 import time
 from collections.abc import Callable, Iterable
@@ -8,30 +9,35 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from testfield.chain.files import code_digest, digest, file_digest
+from testfield.chain.code import code_digest
+from testfield.chain.files import digest, file_digest
 from testfield.chain.progress import bar
 from testfield.chain.run import Run
+from testfield.errors import TestfieldError
+from testfield.registry import module_of
 from testfield.seeds import seed_of
 
-SEEING = ("targets", "camera")
-"""Rooms that every stage computes with."""
+Made = tuple[int, int]
+"""How many of a stage's items were made, and how many there are."""
 
 
-def render(run: Run) -> bool:
+def render(run: Run) -> Made:
     """Radiance of every station, and the light on every panel that they share."""
     world, settings = run.world, run.scene.render
-    code = code_digest(*SEEING, "render", "scene")
+    renderers = ("fast", "irradiance", "path", "stage")
+    code = code_digest(*[f"testfield.render.{name}" for name in renderers], "testfield.seeds")
     surroundings = (world.panels, world.marks, world.lights, world.ambient_radiance, world.field.bits)
-    light_key = digest(code, surroundings, settings.light_spacing_mm, settings.light_paths, world.seed)
+    device = os.environ.get("TESTFIELD_VARIANT", "")
+    light_key = digest(code, device, surroundings, settings.light_spacing_mm, settings.light_paths, world.seed)
     fast = settings.mode == "fast"
     keys = {}
     for k, name in enumerate(run.stations):
         view = (world.interior, world.camera_from_world[slice(k, k + 1)], world.psf_sigma_px)
         how = (light_key, settings.cells) if fast else (surroundings, settings.samples, world.seed)
-        keys[name] = digest(code, settings.mode, view, how)
+        keys[name] = digest(code, device, settings.mode, view, how)
     stale = [k for k, name in enumerate(run.stations) if not run.ledger.fresh(f"radiance/{name}.exr", keys[name])]
     if not stale:
-        return False
+        return 0, len(keys)
 
     from testfield.render.fast import render_fast
     from testfield.render.irradiance import Irradiance, compute_irradiance
@@ -39,21 +45,17 @@ def render(run: Run) -> bool:
     from testfield.render.stage import build_stage
 
     stage = build_stage(world)
-    light_path = run.folder / "radiance/light.npz"
     if fast:
+        seed = seed_of(world.seed, "light") & 0x7FFFFFFF
         with bar("light", 1, "scene") as move:
             run.ledger.make(
                 "radiance/light.npz",
                 light_key,
                 lambda path: compute_irradiance(
-                    stage,
-                    settings.light_spacing_mm,
-                    settings.light_paths,
-                    seed_of(world.seed, "light") & 0x7FFFFFFF,
-                    move,
+                    stage, settings.light_spacing_mm, settings.light_paths, seed, move
                 ).save(path),
             )
-        light = Irradiance.load(light_path)
+        light = Irradiance.load(run.folder / "radiance/light.npz")
     with bar("render", len(stale), "views") as move:
         for k in stale:
             name = run.stations[k]
@@ -62,30 +64,33 @@ def render(run: Run) -> bool:
             else:
                 image = render_path(stage, k, settings.samples, seed_of(world.seed, f"path/{name}") & 0x7FFFFFFF, move)
             run.ledger.make(f"radiance/{name}.exr", keys[name], image.save)
-    return True
+    return len(stale), len(keys)
 
 
-def expose(run: Run) -> bool:
+def expose(run: Run) -> Made:
     """A digital frame of every station."""
     from testfield.sensor.expose import Sensor
 
     scene = run.scene
     sensor = Sensor(
-        pixel_pitch_um=scene.camera.pixel_pitch_um, f_number=scene.camera.f_number, time_ms=scene.exposure.time_ms,
+        pixel_pitch_um=scene.camera.pixel_pitch_um,
+        f_number=scene.camera.f_number,
+        time_ms=scene.exposure.time_ms,
         **scene.sensor.model_dump(),
-    )  # fmt: skip
-    code = code_digest(*SEEING, "sensor")
+    )
+    code = code_digest("testfield.sensor.expose")
     work = []
     for name in run.stations:
         source = run.need(f"radiance/{name}.exr", "render")
         key = digest(code, file_digest(source), sensor, scene.seed, name)
         target = f"frames/{name}.png"
         if not (run.ledger.fresh(target, key) and run.ledger.fresh(f"frames/{name}.json", key)):
+            run.ledger.keep_foreign(target)
             work.append((source, run.folder / target, sensor, scene.seed, target, key))
     for target, key in _each(run, "expose", _expose_one, work, "frames"):
         run.ledger.enter(target, key)
         run.ledger.enter(str(Path(target).with_suffix(".json")), key)
-    return bool(work)
+    return len(work), len(run.stations)
 
 
 def _expose_one(work: tuple) -> tuple[str, str]:
@@ -101,75 +106,77 @@ def _expose_one(work: tuple) -> tuple[str, str]:
     return name, key
 
 
-def detect(run: Run) -> bool:
+def detect(run: Run) -> Made:
     """Observations of all frames together."""
     from testfield.detect.observations import Observations
 
-    measure = run.scene.measure
+    measure, camera = run.scene.measure, run.scene.camera
     sources = [run.need(f"frames/{name}.png", "expose") for name in run.stations]
     sheets = [run.need(f"frames/{name}.json", "expose") for name in run.stations]
-    key = digest(
-        code_digest(*SEEING, "detect"),
-        [file_digest(p) for p in sources + sheets],
-        run.field,
-        measure.centroid,
-        measure.smallest_diameter_px,
-    )
+    code = code_digest("testfield.detect.detect", module_of("centroids", measure.centroid))
+    settings = (measure.centroid, measure.smallest_diameter_px)
+    key = digest(code, [file_digest(path) for path in sources + sheets], run.field, settings)
     if run.ledger.fresh("observations.parquet", key):
-        return False
-    work = [(source, run.field, measure.centroid, measure.smallest_diameter_px) for source in sources]
+        return 0, 1
+    size = (camera.width_px, camera.height_px)
+    work = [(source, run.field, *settings, size) for source in sources]
     parts = list(_each(run, "detect", _detect_one, work, "frames"))
     observations = Observations.join(parts, run.stations)
-    return run.ledger.make("observations.parquet", key, observations.save)
+    return int(run.ledger.make("observations.parquet", key, observations.save)), 1
 
 
 def _detect_one(work: tuple) -> Any:
     from testfield.camera.images import Frame
     from testfield.detect.detect import detect as detect_frame
 
-    source, field, centroid, smallest = work
-    return detect_frame(Frame.load(source), field, centroid, smallest)
+    source, field, centroid, smallest, (width, height) = work
+    frame = Frame.load(source)
+    if frame.pixels_dn.shape != (height, width):
+        found = f"{frame.pixels_dn.shape[1]} x {frame.pixels_dn.shape[0]}"
+        raise TestfieldError(
+            f"the image is {found} px and the camera {width} x {height}", str(source), "all frames are of one camera"
+        )
+    return detect_frame(frame, field, centroid, smallest)
 
 
-def calibrate(run: Run) -> bool:
+def calibrate(run: Run) -> Made:
     """Camera, stations and boards."""
     from testfield.detect.observations import Observations
     from testfield.registry import find
 
     source = run.need("observations.parquet", "detect")
     camera, method = run.scene.camera, run.scene.measure.calibrator
-    code = code_digest(*SEEING, "adjust", "calibrate")
+    code = code_digest(module_of("calibrators", method))
     key = digest(code, file_digest(source), run.field, method, camera.width_px, camera.height_px)
 
     def write(path: Path) -> None:
-        find("calibrators", method)(Observations.load(source), run.field, camera.width_px, camera.height_px).save(path)
+        observations = Observations.load(source)
+        find("calibrators", method)(observations, run.field, camera.width_px, camera.height_px).save(path)
 
-    return run.ledger.make("calibration.json", key, write)
+    return int(run.ledger.make("calibration.json", key, write, [source])), 1
 
 
-def reconstruct(run: Run) -> bool:
+def reconstruct(run: Run) -> Made:
     """Scale-bar ends and check targets."""
     from testfield.calibrate.calibration import Calibration
     from testfield.detect.observations import Observations
     from testfield.registry import find
 
-    observations, calibration = (
-        run.need("observations.parquet", "detect"),
-        run.need("calibration.json", "calibrate"),
-    )
+    observations, calibration = run.need("observations.parquet", "detect"), run.need("calibration.json", "calibrate")
     method = run.scene.measure.reconstructor
-    code = code_digest(*SEEING, "adjust", "reconstruct")
+    code = code_digest(module_of("reconstructors", method))
     key = digest(code, file_digest(observations), file_digest(calibration), run.field, method)
 
     def write(path: Path) -> None:
-        find("reconstructors", method)(Observations.load(observations), Calibration.load(calibration), run.field).save(
-            path
+        found = find("reconstructors", method)(
+            Observations.load(observations), Calibration.load(calibration), run.field
         )
+        found.save(path)
 
-    return run.ledger.make("points.parquet", key, write)
+    return int(run.ledger.make("points.parquet", key, write, [observations, calibration])), 1
 
 
-def score(run: Run) -> bool:
+def score(run: Run) -> Made:
     """Everything measured against the truth."""
     from testfield.chain.truth_files import write_truth
     from testfield.score.scorecard import scorecard, write_scorecard
@@ -179,46 +186,35 @@ def score(run: Run) -> bool:
     times = {
         name: run.ledger.notes.get("time_s", {}).get(name, 0.0) for name in STAGES if name not in ("score", "report")
     }
-    key = digest(
-        code_digest(*SEEING, "scene", "score"),
-        [file_digest(p) for p in inputs],
-        run.scene.model_dump(),
-        times,
-    )
-    return run.ledger.make(
-        "scorecard.json",
-        key,
-        lambda path: write_scorecard(scorecard(run.world, run.views, *inputs) | {"time_s": times}, path),
-    )
+    code = code_digest("testfield.score.scorecard", "testfield.scene.build", "testfield.scene.truth")
+    key = digest(code, [file_digest(path) for path in inputs], run.scene.model_dump(), times)
+
+    def write(path: Path) -> None:
+        write_scorecard(scorecard(run.world, run.views, *inputs) | {"time_s": times}, path)
+
+    return int(run.ledger.make("scorecard.json", key, write, inputs)), 1
 
 
-def report(run: Run) -> bool:
+def report(run: Run) -> Made:
     """The page for people."""
     from testfield.report.page import write_report
 
     inputs = [run.need(name, maker) for name, maker in MEASURED] + [run.need("scorecard.json", "score")]
     frames = [run.need(f"frames/{name}.png", "expose") for name in run.stations]
-    key = digest(
-        code_digest(*SEEING, "scene", "score", "report"),
-        [file_digest(p) for p in inputs + frames],
-        run.scene.model_dump(),
-    )
+    code = code_digest("testfield.report.page", "testfield.scene.build", "testfield.scene.truth")
+    key = digest(code, [file_digest(path) for path in inputs + frames], run.scene.model_dump())
+
+    def write(path: Path) -> None:
+        write_report(run.world, run.views, run.scene, run.folder, run.ledger.notes, path)
+
     with bar("report", 1, "page") as move:
-        made = run.ledger.make(
-            "report.html",
-            key,
-            lambda path: write_report(run.world, run.views, run.scene, run.folder, run.ledger.notes, path),
-        )
+        made = run.ledger.make("report.html", key, write)
         move(1)
-    return made
+    return int(made), 1
 
 
-MEASURED = (
-    ("observations.parquet", "detect"),
-    ("calibration.json", "calibrate"),
-    ("points.parquet", "reconstruct"),
-)
-STAGES: dict[str, Callable[[Run], bool]] = {
+MEASURED = (("observations.parquet", "detect"), ("calibration.json", "calibrate"), ("points.parquet", "reconstruct"))
+STAGES: dict[str, Callable[[Run], Made]] = {
     "render": render,
     "expose": expose,
     "detect": detect,
@@ -230,13 +226,32 @@ STAGES: dict[str, Callable[[Run], bool]] = {
 
 
 def run_stage(run: Run, name: str) -> bool:
-    """Run one stage and note how long it took when it made anything; returns whether it did."""
+    """Run one stage and note how long it takes as a whole; returns whether it made anything.
+
+    A stage that made only what was missing leaves the time of its whole as it was; where none is known, the time is
+    that of the part in proportion.
+    """
     start = time.perf_counter()
-    made = STAGES[name](run)
-    if made:
-        times = run.ledger.notes.get("time_s", {}) | {name: round(time.perf_counter() - start, 2)}
-        run.ledger.note(time_s=times)
-    return made
+    made, whole = STAGES[name](run)
+    seconds = time.perf_counter() - start
+    times = run.ledger.notes.get("time_s", {})
+    if made == whole or (made and name not in times):
+        run.ledger.note(time_s=times | {name: round(seconds * whole / made, 2)})
+    return made > 0
+
+
+def stale_inputs(run: Run) -> list[str]:
+    """Files of a run that were made from another version of what lies beside them now, one sentence each."""
+    sentences = []
+    for name, maker in (*MEASURED[1:], ("scorecard.json", "score")):
+        entry = run.ledger.files.get(name)
+        for source, sha in (entry or {}).get("inputs", {}).items():
+            path = run.folder / source
+            if path.is_file() and file_digest(path) != sha:
+                sentences.append(
+                    f"{name} was made from another {source}; renew it with `testfield {maker} {run.folder}`"
+                )
+    return sentences
 
 
 def _each(run: Run, title: str, function: Callable, work: list, unit: str) -> Iterable[Any]:

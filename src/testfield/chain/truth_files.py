@@ -5,14 +5,15 @@ from pathlib import Path
 
 import numpy as np
 
-from testfield.chain.files import code_digest, digest
+from testfield.chain.code import code_digest
+from testfield.chain.files import digest
 from testfield.chain.run import Run
 from testfield.scene.world import ROLES
 
 
 def write_truth(run: Run) -> None:
     """Write the truth of a run, unless it is there."""
-    key = digest(code_digest("scene", "targets", "camera"), run.scene.model_dump())
+    key = digest(code_digest("testfield.scene.build", "testfield.scene.truth"), run.scene.model_dump())
     run.ledger.make("truth/marks.parquet", key, lambda path: _marks(run, path))
     run.ledger.make("truth/views.parquet", key, lambda path: _views(run, path))
     run.ledger.make("truth/camera.json", key, lambda path: _camera(run, path))

@@ -21,7 +21,7 @@ def add(commands: Any) -> None:
 def act(args: argparse.Namespace) -> int:
     """Check the scene and draw it."""
     from testfield.chain.files import Ledger, disk_errors, whole
-    from testfield.chain.run import Run
+    from testfield.chain.run import Run, check_algorithms
     from testfield.cli.show import show_warnings
     from testfield.errors import TestfieldError
     from testfield.render.quick import quick_view
@@ -30,11 +30,14 @@ def act(args: argparse.Namespace) -> int:
     from testfield.scene.load import load_scene
 
     run = Run(Path(), load_scene(args.scene), str(args.scene), Ledger(Path("/nonexistent")))
+    check_algorithms(run.scene, str(args.scene))
     show_warnings(check_scene(run.scene, run.world, run.views, str(args.scene)))
     name = args.station or run.stations[0]
     if name not in run.stations:
         raise TestfieldError(f"no station is called '{name}'", "--station", f"choose one of {', '.join(run.stations)}")
     out = args.out or Path("renders") / f"{run.scene.name}-preview.png"
+    if out.suffix != ".png":
+        raise TestfieldError(f"'{out}' does not end in .png", "--out", "the preview is a PNG")
     station = run.stations.index(name)
     view = quick_view(run.world, station)
     with disk_errors(out.parent), whole(out) as path:

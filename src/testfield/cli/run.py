@@ -28,15 +28,16 @@ def act(args: argparse.Namespace) -> int:
     from testfield.chain.files import disk_errors
     from testfield.chain.run import begin
     from testfield.chain.stages import STAGES, run_stage
-    from testfield.cli.show import show_result, show_warnings
+    from testfield.cli.show import jobs_of, show_result, show_warnings
     from testfield.errors import TestfieldError
 
     if args.seed is not None and args.seed < 0:
         raise TestfieldError(f"value {args.seed} is negative", "--seed", "give 0 or more")
     with disk_errors(args.out or Path("renders")):
-        run, warnings = begin(args.scene, args.out, args.seed, max(1, args.jobs))
+        run, warnings = begin(args.scene, args.out, args.seed, jobs_of(args.jobs))
         show_warnings(warnings)
         for name in STAGES:
             run_stage(run, name)
+    show_warnings(run.measuring_notes())
     show_result(run.folder, args.json)
     return 0

@@ -4,11 +4,20 @@ import json
 import sys
 from pathlib import Path
 
+from testfield.errors import TestfieldError
+
 
 def show_warnings(warnings: list[str]) -> None:
     """Warnings go to standard error, so that standard output stays parseable."""
     for warning in warnings:
         print(f"warning: {warning}", file=sys.stderr)
+
+
+def jobs_of(asked: int) -> int:
+    """The number of processes asked for. Raises `TestfieldError` for less than one."""
+    if asked < 1:
+        raise TestfieldError(f"value {asked} is less than one", "--jobs", "give 1 or more")
+    return asked
 
 
 def show_result(folder: Path, as_json: bool) -> None:

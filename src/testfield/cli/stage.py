@@ -39,11 +39,13 @@ def act(args: argparse.Namespace) -> int:
     """Run the stage, unless what it would make is there already."""
     from testfield.chain.files import disk_errors
     from testfield.chain.run import resume
-    from testfield.chain.stages import run_stage
-    from testfield.cli.show import show_result
+    from testfield.chain.stages import run_stage, stale_inputs
+    from testfield.cli.show import jobs_of, show_result, show_warnings
 
     with disk_errors(args.run):
-        made = run_stage(resume(args.run, max(1, args.jobs)), args.stage)
+        run = resume(args.run, jobs_of(args.jobs))
+        made = run_stage(run, args.stage)
+        show_warnings(stale_inputs(run))
     print(f"{args.stage}: {'done' if made else 'nothing to do, all is up to date'} ({args.run})")
     if args.stage == "score":
         show_result(args.run, as_json=False)

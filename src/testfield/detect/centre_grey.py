@@ -9,7 +9,9 @@ from testfield.registry import register
 
 @register("centroids", "grey_centroid")
 def grey_centroid(image_dn: np.ndarray, sheet: SensorSheet, xy_px: np.ndarray, moments_px2: np.ndarray) -> Centres:
-    """Measure dots from rough centres (n, 2) and moments (n, 2, 2) in an image (h, w) of bright marks."""
+    """Grey centroid above the half threshold: fast, with about twice the scatter of the best.
+
+    Measures dots from rough centres (n, 2) and moments (n, 2, 2) in an image (h, w) of bright marks."""
     found = Centres.empty(len(xy_px))
     shape = np.linalg.inv(4 * moments_px2)
     for rows, values, x, y, inside in windows(image_dn, xy_px, half_widths(moments_px2)):
@@ -31,6 +33,7 @@ def grey_centroid(image_dn: np.ndarray, sheet: SensorSheet, xy_px: np.ndarray, m
         binary = (weight > 0).astype(float)
         area = np.maximum(binary.sum(1), 1)
         mxx, mxy, myy = ((binary * v).sum(1) / area for v in (dx * dx, dx * dy, dy * dy))
+        mxx, myy = mxx + 1 / 12, myy + 1 / 12  # a pixel is a square, not a point
         moments = np.stack([np.stack([mxx, mxy], -1), np.stack([mxy, myy], -1)], -2)
         ok = (white > black) & (binary.sum(1) >= 6)
         nothing = np.zeros(len(rows))

@@ -20,7 +20,9 @@ CX, CY, GXX, GXY, GYY, CONTRAST, BACKGROUND, SLOPE_X, SLOPE_Y, BLUR = range(10)
 
 @register("centroids", "ellipse_model")
 def ellipse_model(image_dn: np.ndarray, sheet: SensorSheet, xy_px: np.ndarray, moments_px2: np.ndarray) -> Centres:
-    """Measure dots from rough centres (n, 2) and moments (n, 2, 2) in an image (h, w) of bright marks."""
+    """A blurred, unevenly lit ellipse fitted to the raw pixels with the sensor's noise: the most exact.
+
+    Measures dots from rough centres (n, 2) and moments (n, 2, 2) in an image (h, w) of bright marks."""
     found = Centres.empty(len(xy_px))
     for rows, values, x, y, inside in windows(image_dn, xy_px, half_widths(moments_px2)):
         found.put(rows, _fit(values, x, y, inside, sheet, xy_px[rows], moments_px2[rows]))

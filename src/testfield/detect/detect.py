@@ -18,6 +18,7 @@ WORST_MISFIT = 0.06
 DISTURBED, DISTURBED_CHI2 = 0.004, 1.6
 """A dot is partly hidden or touched by something where its residual beyond noise exceeds the first, as a fraction of
 the contrast, and its chi-squared exceeds the second times what is usual in the image (at least times one)."""
+NEARLY_FULL = 0.98
 LEAST_CONTRAST = 5.0
 """Contrast over noise below which nothing is measured."""
 
@@ -36,10 +37,11 @@ def detect(frame: Frame, field: Field, centroid: str, smallest_px: float) -> Obs
     status[~centres.ok] = "no ellipse fits"
     with np.errstate(invalid="ignore"):
         noise = np.sqrt(sheet.variance_dn2(centres.background_dn + centres.contrast_dn / 2))
-        level = centres.background_dn + (centres.contrast_dn if field.white_on_black else 0)
+        top = centres.background_dn + centres.contrast_dn
+        white = top if field.white_on_black else sheet.largest_dn - centres.background_dn
         plausible = centres.ok & (centres.misfit < WORST_MISFIT)
         usual = max(float(np.median(centres.chi2[plausible])), 1.0) if plausible.any() else 1.0
-        saturated = level >= 0.98 * sheet.saturation_dn
+        saturated = white >= NEARLY_FULL * sheet.saturation_dn
         m = centres.moments_px2
         diameter = 4 * np.maximum(m[:, 0, 0] * m[:, 1, 1] - m[:, 0, 1] ** 2, 0) ** 0.25
         for bad, why in (
@@ -85,7 +87,7 @@ def _bright_marks(frame: Frame, white_on_black: bool) -> tuple[np.ndarray, Senso
     if white_on_black:
         return image, frame.sheet
     inverted = InvertedSheet(*astuple(frame.sheet))
-    return inverted.saturation_dn - image, inverted
+    return inverted.largest_dn - image, inverted
 
 
 def _drop_ring_parts(xy: np.ndarray, moments: np.ndarray, code: np.ndarray, status: np.ndarray) -> None:

@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from testfield.errors import speaking
+
 MEASURED = "measured"
 
 
@@ -82,6 +84,7 @@ class Observations:
         pq.write_table(table.replace_schema_metadata(notes), path)
 
     @staticmethod
+    @speaking("observations")
     def load(path: Path) -> "Observations":
         """Read what `save` wrote."""
         import pyarrow.parquet as pq

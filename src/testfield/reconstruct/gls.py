@@ -12,6 +12,7 @@ from testfield.adjust.normals import target_normal
 from testfield.calibrate.calibration import Calibration
 from testfield.camera.circle import disc_image
 from testfield.camera.interior import PARAMETERS
+from testfield.camera.pose import Poses
 from testfield.camera.project import ProjectionJacobian, project, project_with_jacobian
 from testfield.camera.rays import meet
 from testfield.detect.observations import Observations
@@ -25,7 +26,7 @@ REJECT_SIGMA = 6.0
 
 @register("reconstructors", "gls")
 def gls(observations: Observations, calibration: Calibration, field: Field) -> Points:
-    """Reconstruct all loose targets that at least two calibrated stations measured."""
+    """Generalised least squares: weights from image noise and from the calibration, cameras correlated."""
     return reconstruct(observations, calibration, field, "gls")
 
 
@@ -71,8 +72,10 @@ def _solve(
     rejected = 0
     while len(rows) >= 2:
         answer, worst, size = _estimate(rows, station, calibration, radius_mm, method, rejected)
-        if size < REJECT_SIGMA or len(rows) == 2:
+        if size < REJECT_SIGMA:
             return answer
+        if len(rows) == 2:  # two rays that disagree: neither can be told to be the wrong one
+            return None
         keep = np.arange(len(rows)) != worst
         rows, station, rejected = rows.take(keep), station[keep], rejected + 1
     return None
@@ -108,10 +111,9 @@ def _estimate(
         S = noise + G @ calibration.covariance @ G.T
         if method == "gls":
             weighted = np.linalg.solve(S, J).T
-        else:  # midpoint: every ray counts by its distance from the point, which is pixels times range
-            depth = np.repeat(poses.apply(at)[:, 2] / interior.fx, 2)
-            weighted = (J * depth[:, None] ** 2).T
-        gain = np.linalg.solve(weighted @ J, weighted)
+            gain = np.linalg.solve(weighted @ J, weighted)
+        else:
+            gain = _midpoint_gain(jacobian.camera_point @ poses.R, poses, x)
         step = gain @ residual.ravel()
         x = x + step
         if np.abs(step).max() < 1e-10:
@@ -122,6 +124,19 @@ def _estimate(
     ]
     worst = int(np.argmax(sizes))
     return _Solved(x, gain @ noise @ gain.T, -gain @ G, leftover, k, rejected), worst, sizes[worst]
+
+
+def _midpoint_gain(J: np.ndarray, poses: Poses, x: np.ndarray) -> np.ndarray:
+    """(3, 2k) how the point nearest to all rays follows their pixels.
+
+    A pixel's error moves its ray, at the point, by the pseudo-inverse of J, which is square to the ray; the point
+    follows with the inverse of the sum of the rays' projectors (METHODS sections 1.2 and 1.4).
+    """
+    d = x - poses.origin_mm
+    d /= np.linalg.norm(d, axis=1, keepdims=True)
+    projectors = np.eye(3) - d[:, :, None] * d[:, None, :]
+    moves = np.linalg.pinv(J)
+    return np.linalg.solve(projectors.sum(axis=0), np.concatenate(list(moves), axis=1))
 
 
 def _by_calibration(jacobian: ProjectionJacobian, station: np.ndarray, calibration: Calibration) -> np.ndarray:

@@ -10,5 +10,5 @@ from testfield.targets.field import Field
 
 @register("reconstructors", "midpoint")
 def midpoint(observations: Observations, calibration: Calibration, field: Field) -> Points:
-    """Reconstruct all loose targets without weights; the covariance is the sandwich of what the weights ignore."""
+    """The point nearest to all rays, every ray counting the same; its covariance includes what that ignores."""
     return reconstruct(observations, calibration, field, "midpoint")

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
+from testfield.errors import speaking
+
 
 @dataclass(frozen=True)
 class Points:
@@ -61,6 +63,7 @@ class Points:
         pq.write_table(pa.table(columns).replace_schema_metadata({"method": self.method}), path)
 
     @staticmethod
+    @speaking("points")
     def load(path: Path) -> "Points":
         """Read what `save` wrote."""
         import pyarrow.parquet as pq

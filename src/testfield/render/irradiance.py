@@ -158,8 +158,8 @@ def _sample(
 def _nodes(mean: np.ndarray, variance: np.ndarray) -> tuple[np.ndarray, bool]:
     """Values at nodes that span the panel, from estimates in the cells' middles; and whether they are a polynomial.
 
-    The lowest degree is taken whose residuals agree with the estimates' own noise (chi-squared per degree of freedom
-    below 1.2 or falling no further); without one the estimates stay, carried out to the edges.
+    The lowest degree is taken whose chi-squared lies within three standard deviations of what the estimates' own noise
+    makes; without one the estimates stay, carried out to the edges.
     """
     rows, columns = mean.shape
     x, y = ((np.arange(n) + 0.5) / n * 2 - 1 for n in (columns, rows))

@@ -76,7 +76,7 @@ class PatternTables:
         radial = (nx * xx + ny * yx, nx * xy + ny * yy)
         tangential = (ny * xx - nx * yx, ny * xy - nx * yy)  # towards clockwise, seen from the front
         # A circle bends away from its tangent: over the footprint its mean distance is less by this much.
-        sag = (tangential[0] ** 2 + tangential[1] ** 2) / (24 * r)
+        sag = (tangential[0] ** 2 + tangential[1] ** 2) / (24 * dr.maximum(r, radius / 2))
 
         def inside(edge: Any) -> Any:
             return half_plane(edge - r - sag, radial)

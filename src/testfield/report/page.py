@@ -36,6 +36,7 @@ def write_report(world: World, views: Views, scene: SceneFile, folder: Path, not
     frame = Frame.load(folder / f"frames/{name}.png")
 
     environment = Environment(undefined=StrictUndefined, autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    environment.filters["num"] = lambda v, form: "–" if v is None else form % v
     environment.filters["mm"] = lambda v: "–" if v is None else f"{v:.4f}"
     environment.filters["signed"] = lambda v: "–" if v is None else f"{v:+.4f}"
     environment.filters["short"] = lambda v: "–" if v is None else f"{v:.3g}"
@@ -46,10 +47,10 @@ def write_report(world: World, views: Views, scene: SceneFile, folder: Path, not
         notes=notes,
         station=name,
         picture=_data(figures.detections(frame, observations), "image/jpeg"),
-        plan=_inline(figures.field_plan(world, calibration, points)),
+        plan=_inline(figures.field_plan(world, calibration, points)) if len(points.code) else None,
         residuals=_inline(figures.residual_map(calibration)),
         centres=_inline(figures.centre_errors(found)),
-        claimed=_inline(figures.claimed_against_actual(points)),
+        claimed=_inline(figures.claimed_against_actual(points)) if len(points.code) else None,
         interior=_interior_rows(world, calibration, card),
         check=_check_rows(points),
         graph=_graph_rows(calibration),

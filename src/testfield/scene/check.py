@@ -1,11 +1,9 @@
 """What is wrong with a scene before any long work starts: errors stop it, warnings are told."""
 
-from collections import Counter
-
 import numpy as np
 
 from testfield.errors import TestfieldError
-from testfield.scene.schema import SceneFile
+from testfield.scene.schema import BoardPart, ScaleBarPart, SceneFile, SurfacePart
 from testfield.scene.truth import Views
 from testfield.scene.world import World
 from testfield.targets.marks import QUIET, RING_OUTER
@@ -13,10 +11,13 @@ from testfield.targets.ring_code import code_words
 
 DECODABLE_PX = 8.0
 FACES_DEG = 75.0
+NARROWEST_PX = 0.1
 
 
 def check_scene(scene: SceneFile, world: World, views: Views, source: str) -> list[str]:
     """Warnings, one sentence each. Raises `TestfieldError` for what makes the scene impossible."""
+    _possible_optics(scene, source)
+    _visible_paint(scene, source)
     _unique_names(scene, source)
     _codes_exist_and_differ(scene, world, source)
     _marks_fit(scene, world, source)
@@ -25,17 +26,45 @@ def check_scene(scene: SceneFile, world: World, views: Views, source: str) -> li
     return _sizes(world, views, source) + _joined(world, views, source) + _lit(scene, source)
 
 
+def _possible_optics(scene: SceneFile, source: str) -> None:
+    blur = scene.camera.psf_sigma_px
+    if 0 < blur < NARROWEST_PX:
+        raise TestfieldError(
+            f"value {blur} is narrower than can be resolved",
+            f"{source}, camera.psf_sigma_px",
+            f"give 0, or {NARROWEST_PX} or more",
+        )
+    if blur and scene.render.mode == "path":
+        raise TestfieldError(
+            f"render.mode = 'path' carries no point spread, and camera.psf_sigma_px is {blur}",
+            f"{source}, render.mode",
+            "set camera.psf_sigma_px = 0, or render.mode = 'fast'",
+        )  # fmt: skip
+
+
+def _visible_paint(scene: SceneFile, source: str) -> None:
+    if scene.paint.white <= scene.paint.black:
+        raise TestfieldError(
+            f"white ({scene.paint.white}) is not brighter than black ({scene.paint.black})", f"{source}, paint.white",
+            "raise it; for black marks on white set paint.white_on_black = false",
+        )  # fmt: skip
+
+
 def _unique_names(scene: SceneFile, source: str) -> None:
-    for label, names in (
-        ("boards", [b.name for b in scene.boards]),
-        ("scale_bars", [b.name for b in scene.scale_bars]),
-        ("room.surfaces", [s.name for s in scene.room.surfaces]),
-    ):
-        for name, count in Counter(names).items():
-            if count > 1:
+    groups: dict[str, tuple[BoardPart | ScaleBarPart | SurfacePart, ...]] = {
+        "boards": scene.boards,
+        "scale_bars": scene.scale_bars,
+        "room.surfaces": scene.room.surfaces,
+    }
+    owners: dict[str, str] = {}
+    for label, parts in groups.items():
+        for k, part in enumerate(parts):
+            where = f"{label}[{k}]"
+            if part.name in owners:
                 raise TestfieldError(
-                    f"{count} of them are called '{name}'", f"{source}, {label}", "give each its own name"
+                    f"'{part.name}' is also the name of {owners[part.name]}", f"{source}, {where}.name", "rename one"
                 )
+            owners[part.name] = where
 
 
 def _codes_exist_and_differ(scene: SceneFile, world: World, source: str) -> None:
@@ -123,6 +152,9 @@ def _sizes(world: World, views: Views, source: str) -> list[str]:
     usable = (views.visible == 1) & (views.obliquity_deg < FACES_DEG)
     largest = np.where(usable, views.diameter_px, 0).max(axis=0)
     warnings = []
+    for b, sheet in enumerate(world.field.boards):
+        if not (largest[world.marks.board == b] > 0).any():
+            warnings.append(f"{source}: board '{sheet.name}' is seen by no station")
     never = np.flatnonzero(largest == 0)
     if len(never):
         warnings.append(f"{source}: {len(never)} of {len(coded)} marks are fully seen by no station")
@@ -138,6 +170,8 @@ def _sizes(world: World, views: Views, source: str) -> list[str]:
 
 
 def _joined(world: World, views: Views, source: str) -> list[str]:
+    if len(world.station_name) < 2:
+        raise TestfieldError("one station alone measures nothing", f"{source}, stations", "add a second one")
     boards = len(world.field.boards)
     usable = (views.visible == 1) & (world.marks.code > 0)
     sees = np.array([(usable & (world.marks.board == b)).sum(axis=1) >= 4 for b in range(boards)])

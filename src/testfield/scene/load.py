@@ -20,13 +20,17 @@ def load_scene(path: Path) -> SceneFile:
     Raises `TestfieldError` where the file is missing, is not TOML, or a field is unknown, absent or out of range.
     """
     try:
-        text = path.read_bytes().decode()
+        text = path.read_bytes().decode("utf-8-sig")  # editors on Windows begin files with a byte-order mark
     except FileNotFoundError as error:
         raise TestfieldError(
             "no such scene file", str(path), "check the path; `testfield schema` describes one"
         ) from error
-    except (OSError, UnicodeDecodeError) as error:
-        raise TestfieldError(f"cannot be read ({error})", str(path)) from error
+    except IsADirectoryError as error:
+        raise TestfieldError("this is a folder", str(path), "name a scene file in it") from error
+    except UnicodeDecodeError as error:
+        raise TestfieldError("this is not a text file", str(path), "a scene is a TOML file") from error
+    except OSError as error:
+        raise TestfieldError(f"cannot be read ({error.strerror})", str(path)) from error
     return parse_scene(text, str(path))
 
 
@@ -65,8 +69,11 @@ def _speak(error: ValidationError, source: str) -> TestfieldError:
         name = str(first["loc"][-1])
         return TestfieldError(f"unknown field (value {value}){more}", f"{source}, {place}", _advice(name, known))
     if first["type"] == "missing":
-        return TestfieldError(f"this field is required{more}", f"{source}, {place}", "add it")
-    message = first["msg"][0].lower() + first["msg"][1:]
+        others = [_place(e["loc"]) for e in rest if e["type"] == "missing"]
+        also = f" (and so are {', '.join(others)})" if others else ""
+        return TestfieldError(f"this field is required{also}", f"{source}, {place}", "add it")
+    message = first["msg"].removeprefix("Value error, ")
+    message = message[0].lower() + message[1:].replace("valid tuple", "list in brackets")
     return TestfieldError(f"value {value}: {message}{more}", f"{source}, {place}", "see `testfield schema`")
 
 

@@ -1,21 +1,65 @@
 """The scene file: every field a person can write, with its unit, its default and what it means."""
 
+import re
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, PositiveInt
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PositiveFloat, PositiveInt, model_validator
 
 Vector3 = tuple[float, float, float]
 Pair = tuple[float, float]
+Size = tuple[PositiveFloat, PositiveFloat]
+Count = Annotated[int, Field(ge=1, le=1000)]
+
+
+def _filename(name: str) -> str:
+    """Names of scenes and stations become names of files."""
+    if not re.fullmatch(r"[A-Za-z0-9_-][A-Za-z0-9_.-]*", name):
+        raise ValueError("give letters, digits, '_', '-' and '.', not beginning with a dot")
+    return name
+
+
+Name = Annotated[str, Field(min_length=1, max_length=80), AfterValidator(_filename)]
+
+
+def _printable(name: str) -> str:
+    if not name.isprintable() or ":" in name:
+        raise ValueError("give printable characters without ':'")
+    return name
+
+
+Label = Annotated[str, Field(min_length=1, max_length=80), AfterValidator(_printable)]
+
+
+def _direction(vector: Vector3) -> Vector3:
+    if not any(vector):
+        raise ValueError("a direction must not have length zero")
+    return vector
+
+
+Direction = Annotated[Vector3, AfterValidator(_direction)]
 
 
 class _Part(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class _Box(_Part):
+    """Fields of a box."""
+
+    low_mm: Vector3 = Field(description="Corner of the box.")
+    high_mm: Vector3 = Field(description="Opposite corner.")
+
+    @model_validator(mode="after")
+    def _ordered(self) -> "_Box":
+        if any(a > b for a, b in zip(self.low_mm, self.high_mm, strict=True)):
+            raise ValueError(f"low_mm {list(self.low_mm)} is not below high_mm {list(self.high_mm)}")
+        return self
 
 
 class VolumePart(_Part):
     """The measuring volume."""
 
-    size_mm: Vector3 = Field(
+    size_mm: tuple[PositiveFloat, PositiveFloat, PositiveFloat] = Field(
         (4000, 3000, 2000), description="Edges of the volume; its diagonal scales relative accuracy."
     )
 
@@ -64,8 +108,8 @@ class ExposurePart(_Part):
 class ExtensionZone(_Part):
     """A grid of plain circular dots."""
 
-    columns: PositiveInt = Field(10, description="Dots in x.")
-    rows: PositiveInt = Field(9, description="Dots in y.")
+    columns: Count = Field(10, description="Dots in x.")
+    rows: Count = Field(9, description="Dots in y.")
     pitch_mm: PositiveFloat = Field(75, description="Distance of neighbouring dots.")
     diameter_mm: PositiveFloat = Field(20, description="Diameter of each dot.")
     centre_mm: Pair = Field(
@@ -76,8 +120,8 @@ class ExtensionZone(_Part):
 class RecognitionZone(_Part):
     """A grid of ring-coded targets with consecutive numbers, or those listed."""
 
-    columns: PositiveInt = Field(3, description="Targets in x.")
-    rows: PositiveInt = Field(4, description="Targets in y.")
+    columns: Count = Field(3, description="Targets in x.")
+    rows: Count = Field(4, description="Targets in y.")
     pitch_mm: PositiveFloat = Field(150, description="Distance of neighbouring targets.")
     diameter_mm: PositiveFloat = Field(
         20, description="Diameter of the central dot; the ring reaches three times as far."
@@ -92,11 +136,11 @@ class RecognitionZone(_Part):
 class BoardPart(_Part):
     """A flat sub-board with its two zones."""
 
-    name: str = Field(min_length=1, description="Unique name.")
-    size_mm: Pair = Field((1100, 800), description="Width and height.")
+    name: Label = Field(description="Unique name.")
+    size_mm: Size = Field((1100, 800), description="Width and height.")
     thickness_mm: PositiveFloat = Field(10, description="The back lies this far behind the front.")
     position_mm: Vector3 = Field(description="Where the middle of the front is.")
-    normal: Vector3 = Field((0, -1, 0), description="Direction the front faces; any length.")
+    normal: Direction = Field((0, -1, 0), description="Direction the front faces; any length.")
     spin_deg: float = Field(0, description="Rotation about the normal, counter-clockwise seen from the front.")
     extension_zone: ExtensionZone = Field(ExtensionZone(), description="The plain dots.")
     recognition_zone: RecognitionZone = Field(RecognitionZone(first_code=1), description="The coded targets.")
@@ -108,7 +152,7 @@ class BoardPart(_Part):
 class ScaleBarPart(_Part):
     """A bar with a ring-coded target at either end."""
 
-    name: str = Field(min_length=1, description="Unique name.")
+    name: Label = Field(description="Unique name.")
     role: Literal["control", "check"] = Field(
         description="control: its length enters the calibration; check: it only tests it."
     )
@@ -121,8 +165,8 @@ class ScaleBarPart(_Part):
     codes: tuple[PositiveInt, PositiveInt] = Field(description="Numbers of the two targets.")
     diameter_mm: PositiveFloat = Field(20, description="Diameter of the targets' central dots.")
     position_mm: Vector3 = Field(description="Where the middle of the bar is.")
-    direction: Vector3 = Field((1, 0, 0), description="From the first target to the second; any length.")
-    normal: Vector3 = Field((0, -1, 0), description="Direction the targets face; made square to `direction`.")
+    direction: Direction = Field((1, 0, 0), description="From the first target to the second; any length.")
+    normal: Direction = Field((0, -1, 0), description="Direction the targets face; made square to `direction`.")
 
 
 class CheckSingle(_Part):
@@ -131,7 +175,7 @@ class CheckSingle(_Part):
     generator: Literal["single"] = "single"
     code: PositiveInt = Field(description="Its number.")
     position_mm: Vector3 = Field(description="Where its centre is.")
-    normal: Vector3 = Field((0, -1, 0), description="Direction it faces.")
+    normal: Direction = Field((0, -1, 0), description="Direction it faces.")
     diameter_mm: PositiveFloat = Field(20, description="Diameter of the central dot.")
 
 
@@ -145,27 +189,23 @@ class CheckOnBoard(_Part):
     diameter_mm: PositiveFloat = Field(20, description="Diameter of the central dot.")
 
 
-class CheckGrid(_Part):
+class CheckGrid(_Box):
     """Check targets on a regular lattice in the volume."""
 
     generator: Literal["grid"]
     first_code: PositiveInt = Field(description="Number of the first; the rest follow, x fastest, then y, then z.")
-    counts: tuple[PositiveInt, PositiveInt, PositiveInt] = Field(description="How many along x, y and z.")
-    low_mm: Vector3 = Field(description="Corner of the lattice.")
-    high_mm: Vector3 = Field(description="Opposite corner.")
-    normal: Vector3 = Field((0, -1, 0), description="Direction all face.")
+    counts: tuple[Count, Count, Count] = Field(description="How many along x, y and z.")
+    normal: Direction = Field((0, -1, 0), description="Direction all face.")
     diameter_mm: PositiveFloat = Field(20, description="Diameter of the central dots.")
 
 
-class CheckRandom(_Part):
+class CheckRandom(_Box):
     """Check targets at random places of a box, apart from each other and clear of the boards."""
 
     generator: Literal["random"]
     first_code: PositiveInt = Field(description="Number of the first.")
-    count: PositiveInt = Field(description="How many.")
-    low_mm: Vector3 = Field(description="Corner of the box.")
-    high_mm: Vector3 = Field(description="Opposite corner.")
-    normal: Vector3 = Field((0, -1, 0), description="Mean direction they face.")
+    count: Count = Field(description="How many.")
+    normal: Direction = Field((0, -1, 0), description="Mean direction they face.")
     spread_deg: float = Field(25, ge=0, lt=90, description="Each faces within this angle of the mean direction.")
     spacing_mm: float = Field(200, ge=0, description="Least distance between any two.")
     diameter_mm: PositiveFloat = Field(20, description="Diameter of the central dots.")
@@ -186,7 +226,7 @@ class StationSingle(_Aimed):
     """One station."""
 
     generator: Literal["single"] = "single"
-    name: str | None = Field(None, description="Name of the station; numbered where absent.")
+    name: Name | None = Field(None, description="Name of the station; numbered where absent.")
     position_mm: Vector3 = Field(description="Projection centre.")
 
 
@@ -194,7 +234,7 @@ class StationArc(_Aimed):
     """Stations on a horizontal arc around `look_at_mm`; azimuth 0 looks along +y, positive to the right of it."""
 
     generator: Literal["arc"]
-    count: PositiveInt = Field(description="How many.")
+    count: Count = Field(description="How many.")
     radius_mm: PositiveFloat = Field(description="Horizontal distance from look_at_mm.")
     height_mm: float = Field(description="z of all of them.")
     azimuth_deg: Pair = Field((-45, 45), description="First and last azimuth.")
@@ -204,28 +244,24 @@ class StationRing(_Aimed):
     """Stations on a full circle around `look_at_mm` in a plane square to `axis`."""
 
     generator: Literal["ring"]
-    count: PositiveInt = Field(description="How many.")
+    count: Count = Field(description="How many.")
     radius_mm: PositiveFloat = Field(description="Radius of the circle.")
     centre_mm: Vector3 = Field(description="Middle of the circle.")
-    axis: Vector3 = Field((0, 1, 0), description="Direction square to the circle.")
+    axis: Direction = Field((0, 1, 0), description="Direction square to the circle.")
 
 
-class StationGrid(_Aimed):
+class StationGrid(_Aimed, _Box):
     """Stations on a regular lattice."""
 
     generator: Literal["grid"]
-    counts: tuple[PositiveInt, PositiveInt, PositiveInt] = Field(description="How many along x, y and z.")
-    low_mm: Vector3 = Field(description="Corner of the lattice.")
-    high_mm: Vector3 = Field(description="Opposite corner.")
+    counts: tuple[Count, Count, Count] = Field(description="How many along x, y and z.")
 
 
-class StationRandom(_Aimed):
+class StationRandom(_Aimed, _Box):
     """Stations at random places of a box."""
 
     generator: Literal["random"]
-    count: PositiveInt = Field(description="How many.")
-    low_mm: Vector3 = Field(description="Corner of the box.")
-    high_mm: Vector3 = Field(description="Opposite corner.")
+    count: Count = Field(description="How many.")
     seed: int = Field(0, ge=0, description="Another seed gives another arrangement.")
 
 
@@ -237,19 +273,19 @@ StationPart = Annotated[
 class SurfacePart(_Part):
     """A flat surface of the room: floor, wall, screen."""
 
-    name: str = Field(min_length=1, description="Unique name.")
-    size_mm: Pair = Field(description="Width and height.")
+    name: Label = Field(description="Unique name.")
+    size_mm: Size = Field(description="Width and height.")
     position_mm: Vector3 = Field(description="Where its middle is.")
-    normal: Vector3 = Field(description="Direction of the side that is seen.")
+    normal: Direction = Field(description="Direction of the side that is seen.")
     albedo: float = Field(0.5, ge=0, le=0.95, description="Diffuse reflectance.")
 
 
 class LightPart(_Part):
     """A soft rectangular light."""
 
-    size_mm: Pair = Field(description="Width and height.")
+    size_mm: Size = Field(description="Width and height.")
     position_mm: Vector3 = Field(description="Where its middle is.")
-    normal: Vector3 = Field((0, 0, -1), description="Direction it shines.")
+    normal: Direction = Field((0, 0, -1), description="Direction it shines.")
     radiance_w_m2_sr: PositiveFloat = Field(description="Radiance of its surface.")
 
 
@@ -294,9 +330,7 @@ class MeasurePart(_Part):
 class SceneFile(_Part):
     """A scene: the field as it truly is, the camera that sees it, and how it is measured."""
 
-    name: str = Field(
-        min_length=1, pattern=r"^[A-Za-z0-9_.-]+$", description="Name of the scene, also of its run's folder."
-    )
+    name: Name = Field(description="Name of the scene, also of its run's folder.")
     description: str = Field("", description="One sentence for the report.")
     seed: int = Field(1, ge=0, description="Seed of everything random.")
     code_bits: Literal[8, 10, 12, 14, 16, 20] = Field(14, description="Segments of every ring code.")

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from testfield.camera.circle import disc_image
+from testfield.camera.pose import Poses
 from testfield.camera.project import project
-from testfield.scene.world import Panels, World
+from testfield.scene.world import World
 from testfield.targets.marks import RING_OUTER
 
 RIM_POINTS = 12
@@ -60,23 +61,24 @@ def see(world: World) -> Views:
             seen = inside & (cosine > 0)[:, None]
             candidates = np.argwhere(seen)
             points = rim[candidates[:, 0], candidates[:, 1]]
-            seen[candidates[:, 0], candidates[:, 1]] = ~hidden(
-                eyes[s], points, world.panels, marks.panel[candidates[:, 0]]
-            )
+            seen[candidates[:, 0], candidates[:, 1]] = ~hidden(eyes[s], points, world, marks.panel[candidates[:, 0]])
             views.visible[s] = seen.mean(axis=1)
     return views
 
 
-def hidden(eye_mm: np.ndarray, points_mm: np.ndarray, panels: Panels, own_panel: np.ndarray) -> np.ndarray:
-    """(n,) whether a panel other than the point's own stands between the eye (3,) and each point (n, 3)."""
+def hidden(eye_mm: np.ndarray, points_mm: np.ndarray, world: World, own_panel: np.ndarray) -> np.ndarray:
+    """(n,) whether a panel other than the point's own, or a lamp, stands between the eye (3,) and each point (n, 3)."""
+    lamps = [light.world_from_light for light in world.lights]
+    poses = Poses.join([world.panels.world_from_panel, *lamps])
+    sizes = np.vstack([world.panels.size_mm, *[light.size_mm for light in world.lights]])
     blocked = np.zeros(len(points_mm), bool)
     ray = points_mm - eye_mm
-    for k in range(len(panels)):
-        R, t = panels.world_from_panel.R[k], panels.world_from_panel.t_mm[k]
+    for k in range(len(poses)):
+        R, t = poses.R[k], poses.t_mm[k]
         start = (eye_mm - t) @ R
         slope = ray @ R
         along = -start[2] / np.where(slope[:, 2] == 0, np.inf, slope[:, 2])
         at = start[:2] + along[:, None] * slope[:, :2]
-        within = np.all(np.abs(at) <= panels.size_mm[k] / 2, axis=1)
+        within = np.all(np.abs(at) <= sizes[k] / 2, axis=1)
         blocked |= within & (along > 0) & (along < 1 - 1e-9) & (own_panel != k)
     return blocked

@@ -65,8 +65,8 @@ class World:
     """Everything that exists, in millimetres in the world frame (z up).
 
     `camera_from_world` (stations) poses, `interior` the true interior orientation, `psf_sigma_px` the optics' blur,
-    `ambient_radiance` in W/(m^2 sr) from all around, `field` what the measuring side is told, `datum_mm` the field's
-    size for relative accuracy.
+    `ambient_radiance` in W/(m^2 sr) from all around, `field` what the measuring side is told, `field_diagonal_mm` of
+    the declared measuring volume.
     """
 
     name: str

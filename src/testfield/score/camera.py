@@ -40,8 +40,10 @@ def true_in_datum(world: World, board_names: tuple[str, ...]) -> tuple[Poses, Po
 
 def score_camera(world: World, calibration: Calibration) -> dict:
     """Interior orientation: error of each parameter with what was claimed, error in px at the corners, NEES."""
-    error = calibration.interior.parameters - world.interior.parameters
-    index = calibration.index(list(PARAMETERS))
+    free = [name for name in PARAMETERS if name in calibration.labels]
+    chosen = [PARAMETERS.index(name) for name in free]
+    error = (calibration.interior.parameters - world.interior.parameters)[chosen]
+    index = calibration.index(free)
     covariance = calibration.covariance[np.ix_(index, index)]
     inset = world.interior.corners_px
     corners = interior_difference(world.interior, calibration.interior, inset)
@@ -53,8 +55,8 @@ def score_camera(world: World, calibration: Calibration) -> dict:
         "rejected": len(calibration.rejected),
         "corner_error_px": float(size.max()),
         "corner_errors_px": size.tolist(),
-        "interior_error": dict(zip(PARAMETERS, error.tolist(), strict=True)),
-        "interior_u": dict(zip(PARAMETERS, np.sqrt(np.diag(covariance)).tolist(), strict=True)),
+        "interior_error": dict(zip(free, error.tolist(), strict=True)),
+        "interior_u": dict(zip(free, np.sqrt(np.diag(covariance)).tolist(), strict=True)),
         "interior_anees": float(error @ np.linalg.solve(covariance, error) / len(error)),
         "notes": list(calibration.notes),
     }
@@ -75,7 +77,7 @@ def score_boards(world: World, calibration: Calibration) -> dict:
         shifts.append((moved**2).sum(axis=1).mean())
         turn = rotation_vector((found_R @ true.R[b].T)[None])[0]
         error = np.concatenate([turn, found_t - true.t_mm[b]])
-        index = calibration.index([f"{name}.{axis}" for axis in ("rx", "ry", "rz", "tx", "ty", "tz")])
+        index = calibration.index([f"board:{name}.{axis}" for axis in ("rx", "ry", "rz", "tx", "ty", "tz")])
         squares.append(error @ np.linalg.solve(calibration.covariance[np.ix_(index, index)], error))
         turns.append(np.linalg.norm(turn))
         moves.append(np.linalg.norm(error[3:]))

@@ -7,6 +7,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from testfield.detect.observations import MEASURED, Observations
+from testfield.errors import TestfieldError
 from testfield.scene.truth import Views
 from testfield.scene.world import World
 
@@ -64,17 +65,24 @@ def score_detection(world: World, views: Views, observations: Observations) -> D
     expected = (views.visible == 1) & (views.diameter_px >= EXPECTED_PX)
     found = np.zeros(expected.shape, bool)
     number = {name: k for k, name in enumerate(world.station_name)}
+    unknown = sorted(set(observations.stations) - set(number))
+    if unknown:
+        raise TestfieldError(
+            f"station '{unknown[0]}' is not in the scene", "observations.parquet", f"known are {', '.join(number)}"
+        )
     station = np.array([number[name] for name in observations.stations])[observations.station]
 
     rows, match, wrong_code, wrong_dot, false = [], [], [], [], []
     measured = observations.status == MEASURED
     reach = np.maximum(0.5 * observations.diameter_px, 2.0)
-    trees = [cKDTree(np.where(np.isfinite(px), px, -1e6)) for px in true_px]
+    # A blob near a mark that nobody can see there is a false one.
+    in_sight = views.visible[..., None] > 0
+    trees = [cKDTree(np.where(np.isfinite(px) & seen, px, -1e6)) for px, seen in zip(true_px, in_sight, strict=True)]
     for row in np.flatnonzero(measured):
         s, xy = station[row], observations.xy_px[row]
         code, board, point = (int(getattr(observations, name)[row]) for name in ("code", "board", "point"))
         claimed = by_code.get(code) if code > 0 else by_point.get((board, point)) if board >= 0 else None
-        if claimed is not None and np.linalg.norm(xy - true_px[s, claimed]) <= reach[row]:
+        if claimed is not None and in_sight[s, claimed, 0] and np.linalg.norm(xy - true_px[s, claimed]) <= reach[row]:
             rows.append(row)
             match.append(claimed)
             found[s, claimed] = True

@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.distance import pdist
+from scipy.stats import chi2
 
 from testfield.calibrate.calibration import Calibration
 from testfield.reconstruct.points import Points
@@ -52,10 +54,17 @@ class PointScore:
             "worst_mm": float(np.linalg.norm(self.fitted_mm, axis=1).max(initial=0)),
             "mean_u_mm": float(np.sqrt((self.u_mm**2).mean())) if n else float("nan"),
             "relative_accuracy": self.diagonal_mm / rmse,
+            "relative_accuracy_note": "diagonal of the scene's declared volume / RMSE",
+            "relative_accuracy_largest_distance": _largest_distance(self.true_mm) / rmse,
             "anees": self.anees,
+            "anees_band_95": [float(chi2.ppf(p, 3 * n) / (3 * n)) for p in (0.025, 0.975)] if n else None,
             "anees_fitted": self.anees_fitted,
             "anees_note": "whole network, full covariance: e' C^-1 e over its degrees of freedom, without a fit",
         }
+
+
+def _largest_distance(points_mm: np.ndarray) -> float:
+    return float(pdist(points_mm).max()) if len(points_mm) > 1 else float("nan")
 
 
 def score_points(world: World, calibration: Calibration, points: Points) -> PointScore:
@@ -104,7 +113,8 @@ def score_lengths(world: World, calibration: Calibration, points: Points) -> dic
                 "name": bar.name, "role": bar.role, "measured_mm": length, "u_measured_mm": u, "true_mm": true,
                 "certified_mm": bar.length_mm, "u_certified_mm": bar.u_length_mm, "error_mm": length - true,
                 "difference_to_certified_mm": length - bar.length_mm,
-                "en": (length - bar.length_mm) / (2 * np.hypot(u, bar.u_length_mm)),
+                # A control bar made the scale it is measured with; only a check bar says anything independent.
+                "en": (length - bar.length_mm) / (2 * np.hypot(u, bar.u_length_mm)) if bar.role == "check" else None,
             }
         )  # fmt: skip
     check = [bar["error_mm"] for bar in bars if bar["role"] == "check" and "error_mm" in bar]

@@ -39,7 +39,7 @@ class Sensor:
     @property
     def sheet(self) -> SensorSheet:
         """What the data sheet tells the measuring side."""
-        return SensorSheet(self.gain_e_per_dn, self.read_noise_e, self.black_level_dn, self.bits)
+        return SensorSheet(self.gain_e_per_dn, self.read_noise_e, self.black_level_dn, self.bits, self.full_well_e)
 
 
 def expose(radiance: Radiance, sensor: Sensor, seed: int) -> Frame:
@@ -52,5 +52,5 @@ def expose(radiance: Radiance, sensor: Sensor, seed: int) -> Frame:
     electrons = np.minimum(rng.poisson(mean_e), sensor.full_well_e).astype(np.float64)
     electrons += sensor.read_noise_e * rng.standard_normal(electrons.shape)
     digital = np.rint(electrons / sensor.gain_e_per_dn + sensor.black_level_dn)
-    pixels = np.clip(digital, 0, sensor.sheet.saturation_dn).astype(np.uint16)
+    pixels = np.clip(digital, 0, sensor.sheet.largest_dn).astype(np.uint16)
     return Frame(radiance.station, pixels, sensor.sheet)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from testfield.errors import speaking
 from testfield.targets.marks import Marks
 
 
@@ -74,6 +75,7 @@ class Field:
         path.write_text(json.dumps(sheet, indent=1))
 
     @staticmethod
+    @speaking("field sheet")
     def load(path: Path) -> "Field":
         """Read what `save` wrote."""
         sheet = json.loads(path.read_text())

@@ -1,0 +1,76 @@
+"""Which source a stage computes with: changed code is a changed input."""
+
+import ast
+import hashlib
+import sys
+from functools import lru_cache
+from importlib.metadata import PackageNotFoundError, version
+from importlib.util import find_spec
+from pathlib import Path
+
+PACKAGES = ("mitsuba", "drjit", "numpy", "scipy", "opencv-python-headless", "pyarrow", "OpenEXR")
+ROOT = Path(__file__).parents[1]
+
+
+def package_version(name: str) -> str:
+    """Version of an installed distribution."""
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "absent"
+
+
+@lru_cache
+def code_digest(*modules: str) -> str:
+    """Digest of the source of some modules, of all that they import of this package, and of package versions.
+
+    A module of somebody else's package (an algorithm of one's own) counts with its own file. Files that lie beside a
+    module and are not Python, like the report's template, count with it.
+    """
+    state = hashlib.sha256(repr([sys.version_info[:2], [package_version(name) for name in PACKAGES]]).encode())
+    for path in sorted(sources(modules)):
+        state.update(path.name.encode() + path.read_bytes())
+    return state.hexdigest()
+
+
+def sources(modules: tuple[str, ...]) -> set[Path]:
+    """The files behind some modules and behind everything of this package that they import."""
+    found: set[Path] = set()
+    queue = list(modules)
+    while queue:
+        path = _file(queue.pop())
+        if path is None or path in found:
+            continue
+        found.add(path)
+        if ROOT in path.parents:
+            found |= {other for other in path.parent.iterdir() if other.is_file() and other.suffix != ".py"}
+            queue += [name for name in imports(path) if name.split(".")[0] == "testfield"]
+    return found
+
+
+def imports(path: Path) -> set[str]:
+    """Full names of everything a file imports, wherever in it; `from a import b` gives both `a` and `a.b`."""
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            base = node.module or ""
+            if node.level and ROOT in path.parents:  # relative to the file's own package
+                package = path.relative_to(ROOT.parent).with_suffix("").parts[: -node.level]
+                base = ".".join([*package, *([base] if base else [])])
+            names.add(base)
+            names |= {f"{base}.{alias.name}" for alias in node.names}
+    return names
+
+
+def _file(module: str) -> Path | None:
+    parts = module.split(".")
+    if parts[0] != "testfield":
+        spec = find_spec(module)
+        return Path(spec.origin) if spec and spec.origin and Path(spec.origin).is_file() else None
+    path = ROOT.joinpath(*parts[1:])
+    for candidate in (path.with_suffix(".py"), path / "__init__.py"):
+        if candidate.is_file():
+            return candidate
+    return None
