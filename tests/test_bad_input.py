@@ -63,7 +63,8 @@ CASES = {
     "ring without axis": (
         (
             "[render]",
-            '[[stations]]\ngenerator = "ring"\ncount = 3\nradius_mm = 100\ncentre_mm = [0, -2000, 600]\naxis = [0, 0, 0]\n\n[render]',
+            '[[stations]]\ngenerator = "ring"\ncount = 3\nradius_mm = 100\ncentre_mm = [0, -2000, 600]\n'
+            "axis = [0, 0, 0]\n\n[render]",
         ),
         ["stations[2].axis", "length zero"],
     ),

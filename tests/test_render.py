@@ -73,14 +73,14 @@ def test_a_dot_in_the_very_middle_of_a_cell_is_whole() -> None:
         {"generator": "arc", "count": 1, "radius_mm": 1000, "height_mm": board.position_mm[2], "azimuth_deg": [0, 0],
          "look_at_mm": board.position_mm}
     )  # fmt: skip
-    camera = scene.camera.model_copy(update={"width_px": 641, "height_px": 513, "psf_sigma_px": 0.0, "k1": 0.0, "k2": 0.0,
-                                             "p1": 0.0, "p2": 0.0, "principal_point_offset_px": (0.0, 0.0)})  # fmt: skip
-    world = build_world(
-        scene.model_copy(update={"boards": (flat,), "check_targets": (), "stations": (station,), "camera": camera})
-    )
-    exact = replace(
-        world, marks=replace(world.marks, xy_mm=np.where(world.marks.code[:, None] == 0, 0.0, world.marks.xy_mm))
-    )
+    plain = dict.fromkeys(("psf_sigma_px", "k1", "k2", "k3", "p1", "p2"), 0.0)
+    size = {"width_px": 641, "height_px": 513, "principal_point_offset_px": (0.0, 0.0)}
+    camera = scene.camera.model_copy(update=plain | size)
+    changes = {"boards": (flat,), "check_targets": (), "stations": (station,), "camera": camera}
+    world = build_world(scene.model_copy(update=changes))
+    marks = world.marks
+    centred = replace(marks, xy_mm=np.where(marks.code[:, None] == 0, 0.0, marks.xy_mm))
+    exact = replace(world, marks=centred)
     assert np.allclose(exact.camera_from_world.origin_mm[0], target)
     image = render_fast(build_stage(exact), even_light(exact), 0, 3).values
     assert image[256, 320] == pytest.approx(scene.paint.white, abs=1e-6)
