@@ -19,6 +19,8 @@ def mitsuba() -> ModuleType:
     if "mitsuba" in sys.modules or "drjit" in sys.modules:
         raise TestfieldError("mitsuba was imported before testfield chose its libLLVM", do="import testfield first")
     library = usable_library()
+    if library is None and not _cuda_possible():
+        require_library()  # says what to install, before Dr.Jit complains in its own words
     # Dr.Jit reads the variable when its LLVM backend starts; a path that cannot load keeps it from
     # searching the system on its own and finding a library that aborts.
     os.environ["DRJIT_LIBLLVM_PATH"] = str(library or "/nonexistent/libLLVM.so")
@@ -36,8 +38,12 @@ def mitsuba() -> ModuleType:
     return mi
 
 
+def _cuda_possible() -> bool:
+    return Path("/dev/nvidiactl").exists()
+
+
 def _cuda_works() -> bool:
-    if not Path("/dev/nvidiactl").exists():
+    if not _cuda_possible():
         return False
     import drjit as dr
 
