@@ -73,6 +73,11 @@ CASES = {
     "no contrast": (("[render]", "[paint]\nwhite = 0.3\nblack = 0.4\n\n[render]"), ["paint.white", "0.3"]),
     "bar named like a board": (('name = "check bar"', 'name = "A"'), ["'A'", "boards[0]"]),
     "far too many": (("columns = 6, rows = 7", "columns = 60000, rows = 7"), ["columns", "60000"]),
+    "lens that folds": (("k1 = -0.09", "k1 = -1.5"), ["camera", "k1 = -1.5", "folds"]),
+    "coefficient of another lens": (
+        ("k1 = -0.09", "k1 = -0.09\nk4 = 0.1"),
+        ["camera.k4", "brown", "k1, k2, k3, p1, p2"],
+    ),
     "zero direction": (("direction = [1, -0.1, 0.05]", "direction = [0, 0, 0]"), ["scale_bars[0].direction"]),
 }
 

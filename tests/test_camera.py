@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 
-from testfield.camera import brown
 from testfield.camera.circle import disc_image
 from testfield.camera.interior import Interior
 from testfield.camera.pose import Poses, nearest_rotation, rotation, rotation_vector
@@ -19,14 +18,64 @@ def _views(n: int = 60) -> tuple[Poses, np.ndarray]:
     )
 
 
-def test_projection_and_its_inverse_agree_to_1e_9_px_over_the_image() -> None:
+RATIONAL = np.array(
+    [2600.0, 2610, 1231, 1018, -0.31, 0.08, 4e-4, -3e-4, 0.004, -0.02, 0.01, 0.002, 1e-3, -2e-4, -8e-4, 1e-4]
+)
+FISHEYE = np.array([1150.0, 1153, 1231, 1018, 0.02, -0.006, 0.002, -4e-4])
+FIELD = np.random.default_rng(5).normal(0, 0.05, (2, 5, 5))
+CAMERAS = {
+    "brown": CAMERA,
+    "rational": Interior(2448, 2048, RATIONAL, "rational"),
+    "fisheye": Interior(2448, 2048, FISHEYE, "fisheye"),
+    "brown with a residual field": Interior(2448, 2048, LENS, "brown", FIELD),
+}
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+def test_projection_and_its_inverse_agree_to_1e_9_px_over_the_image(name: str) -> None:
+    camera = CAMERAS[name]
     grid = np.stack(np.meshgrid(np.linspace(-0.5, 2447.5, 60), np.linspace(-0.5, 2047.5, 50)), -1).reshape(-1, 2)
-    assert np.abs(project_camera(CAMERA, 4000 * directions(CAMERA, grid)) - grid).max() < 1e-9
+    assert np.abs(project_camera(camera, 4000 * directions(camera, grid)) - grid).max() < 1e-9
+
+
+@pytest.mark.parametrize("name", ["rational", "fisheye"])
+def test_opencv_agrees_on_the_other_models(name: str) -> None:
+    import cv2
+
+    camera = CAMERAS[name]
+    points = np.random.default_rng(1).uniform(-1, 1, (200, 3)) * [1500, 1200, 300] + [0, 0, 3000]
+    zero = np.zeros(3)
+    if name == "rational":
+        theirs, _ = cv2.projectPoints(points, zero, zero, camera.matrix, RATIONAL[4:])
+    else:
+        theirs, _ = cv2.fisheye.projectPoints(points[:, None], zero, zero, camera.matrix, FISHEYE[4:])
+    assert np.abs(project_camera(camera, points) - theirs.reshape(-1, 2)).max() < 1e-8
+
+
+@pytest.mark.parametrize("name", ["brown", "rational", "fisheye"])
+def test_derivatives_of_every_model_agree_with_differences(name: str) -> None:
+    camera, (poses, points) = CAMERAS[name], _views()
+    _, jacobian = project_with_jacobian(camera, poses, points)
+    for k, value in enumerate(camera.parameters):
+        h = 1e-6 * max(1.0, abs(value))
+        step = np.eye(len(camera.parameters))[k] * h
+        up, down = (project(camera.with_parameters(camera.parameters + s * step), poses, points) for s in (1, -1))
+        assert np.allclose((up - down) / (2 * h), jacobian.interior[:, :, k], rtol=1e-5, atol=1e-5), camera.names[k]
+    moved = [Poses(poses.R, poses.t_mm + s * np.array([0, 1e-3, 0])) for s in (1, -1)]
+    numeric = (project(camera, moved[0], points) - project(camera, moved[1], points)) / 2e-3
+    assert np.allclose(numeric, jacobian.camera_point[:, :, 1], rtol=1e-6, atol=1e-7)
+
+
+def test_a_model_that_folds_is_found_out() -> None:
+    assert CAMERAS["fisheye"].lens.reach(np.array([-0.3, 0, 0, 0])) == pytest.approx(np.tan(np.sqrt(1 / 0.9)))
+    rational = CAMERAS["rational"].lens
+    assert rational.reach(np.array([0, 0, 0, 0, 0, -0.25, 0, 0, 0, 0, 0, 0])) == pytest.approx(2.0)  # the pole
+    assert np.isinf(rational.reach(np.zeros(12)))
 
 
 def test_points_behind_the_camera_or_beyond_the_fold_are_flagged_not_folded_back() -> None:
     folding = CAMERA.with_parameters(np.array([1000, 1000, 500, 500, -0.5, 0, 0, 0, 0.0]))
-    radius = brown.fold_radius(folding.parameters[4:])
+    radius = folding.lens.reach(folding.parameters[4:])
     assert radius == pytest.approx(np.sqrt(1 / 1.5))
     points = np.array([[0, 0, -1.0], [1.01 * radius, 0, 1.0], [0.99 * radius, 0, 1.0]])
     assert np.isnan(project_camera(folding, points)).all(axis=1).tolist() == [True, True, False]

@@ -14,6 +14,7 @@ from testfield.render.path import render_path
 from testfield.render.stage import Stage, build_stage
 from testfield.scene.build import build_world
 from testfield.scene.load import load_scene
+from testfield.scene.schema import ResidualField
 from testfield.scene.truth import see
 from testfield.scene.world import World
 
@@ -35,7 +36,21 @@ def even_light(world: World) -> Irradiance:
     return Irradiance(np.full((n, 2), 2), np.full(4 * n, np.pi, np.float32), np.ones(n, bool))
 
 
-def test_centres_of_evenly_lit_dots_are_true_to_0_0002_px(world: World, stage: Stage) -> None:
+LENSES = {
+    "brown": {"k1": -0.09, "k2": 0.11, "p1": 3e-4, "p2": -2e-4},
+    "rational": {"k1": -0.3, "k2": 0.08, "k4": -0.2, "p1": 3e-4, "s1": 1e-3, "s3": -8e-4},
+    "fisheye": {"k1": 0.02, "k2": -0.01},
+    "brown with a residual field": {"k1": -0.09, "residual_field": ResidualField(rms_px=0.3)},
+}
+
+
+@pytest.mark.parametrize("lens", LENSES)
+def test_centres_of_evenly_lit_dots_are_true_to_0_0002_px_through_every_lens(lens: str) -> None:
+    scene = load_scene(QUICK)
+    none = dict.fromkeys(("k1", "k2", "k3", "p1", "p2"), 0.0)
+    camera = scene.camera.model_copy(update=none | LENSES[lens] | {"lens": lens.split()[0]})
+    world = build_world(scene.model_copy(update={"camera": camera}))
+    stage = build_stage(world)
     image = render_fast(stage, even_light(world), 0, 3).values.astype(float)
     views, marks = see(world), world.marks
     albedo = world.panels.ground_albedo[0], world.panels.ink_albedo[0]

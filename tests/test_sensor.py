@@ -1,8 +1,14 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from testfield.camera.images import Frame, Radiance
+from testfield.scene.schema import SensorPart
+from testfield.seeds import generator
 from testfield.sensor.expose import Sensor, expose
+from testfield.sensor.patterns import gain_pattern
 
 SENSOR = Sensor(3.45, 8.0, 24.0, 550.0, 0.63, 10400.0, 2.3, 2.6, 64.0, 12)
 
@@ -51,3 +57,100 @@ def test_images_survive_their_files(tmp_path) -> None:  # type: ignore[no-untype
     picture.save(tmp_path / "r.exr")
     assert np.array_equal(Radiance.load(tmp_path / "r.exr").values, picture.values)
     assert Radiance.load(tmp_path / "r.exr").station == "s"
+
+
+def test_with_everything_new_off_a_frame_keeps_its_bytes() -> None:
+    """The linear model as it was before fixed patterns and dark current, draw by draw."""
+    rng = generator(5, "expose/s")
+    electrons = np.minimum(rng.poisson(flat(0.5).values.astype(float) * SENSOR.electrons_per_radiance), 10400.0)
+    electrons = electrons + 2.3 * rng.standard_normal(electrons.shape)
+    plain = np.clip(np.rint(electrons / 2.6 + 64), 0, 4095).astype(np.uint16)
+    frame = expose(flat(0.5), SENSOR, 5)
+    assert np.array_equal(frame.pixels_dn, plain)
+    as_in_a_scene = Sensor(pixel_pitch_um=3.45, f_number=8.0, time_ms=24.0, **SensorPart().model_dump())
+    assert as_in_a_scene == SENSOR
+    # The file beside a frame holds these numbers as text: 64 must not become 64.0.
+    assert isinstance(as_in_a_scene.sheet.black_level_dn, int)
+
+
+def test_the_sheet_tells_mean_and_variance_of_the_dark_current() -> None:
+    sensor = replace(SENSOR, dark_current_e_per_s=5000.0)
+    for radiance in (0.0, 0.4):
+        pixels = expose(flat(radiance), sensor, 5).pixels_dn.astype(float)
+        mean = (radiance * sensor.electrons_per_radiance + 120) / 2.6 + 64
+        variance = (radiance * sensor.electrons_per_radiance + 120 + 2.3**2) / 2.6**2 + 1 / 12
+        assert abs(pixels.mean() - mean) < 5 * np.sqrt(variance / pixels.size) + 1e-3
+        assert pixels.var() == pytest.approx(variance, rel=5 * np.sqrt(2 / pixels.size))
+        assert float(sensor.sheet.variance_dn2(np.array(mean))) == pytest.approx(variance, rel=1e-12)
+
+
+def test_dark_current_grows_with_time() -> None:
+    sensor = replace(SENSOR, dark_current_e_per_s=5000.0, time_ms=48.0)
+    assert expose(flat(0), sensor, 5).pixels_dn.mean() == pytest.approx(64 + 240 / 2.6, abs=0.1)
+
+
+def test_light_and_dark_current_fill_one_well() -> None:
+    sensor = replace(SENSOR, dark_current_e_per_s=1e5)
+    full = expose(flat(10.0), sensor, 5).pixels_dn
+    assert full.mean() == pytest.approx(10400 / 2.6 + 64, abs=0.2)
+    assert sensor.sheet.saturation_dn == pytest.approx(SENSOR.sheet.saturation_dn, rel=1e-12)
+
+
+def mean_of(stations: int, radiance: float, sensor: Sensor, first: int = 0) -> np.ndarray:
+    light = flat(radiance).values
+    names = [f"s{k}" for k in range(first, first + stations)]
+    return np.mean([expose(Radiance(name, light), sensor, 5).pixels_dn for name in names], axis=0)
+
+
+@pytest.mark.parametrize(
+    ("change", "radiance", "sigma_e"),
+    [({"prnu": 0.02}, 0.4, 0.02 * 0.4 * SENSOR.electrons_per_radiance), ({"dsnu_e": 5.0}, 0.0, 5.0)],
+)
+def test_a_fixed_pattern_is_the_same_at_every_station(
+    change: dict[str, float], radiance: float, sigma_e: float
+) -> None:
+    sensor = replace(SENSOR, **change)  # type: ignore[arg-type]
+    one, two = mean_of(4, radiance, sensor), mean_of(4, radiance, sensor, first=4)
+    # Only what the two averages share survives in their covariance.
+    shared = np.cov(one.ravel(), two.ravel())[0, 1]
+    assert np.sqrt(shared) * 2.6 == pytest.approx(sigma_e, rel=0.02)
+    plain = np.cov(mean_of(4, radiance, SENSOR).ravel(), mean_of(4, radiance, SENSOR, first=4).ravel())[0, 1]
+    assert abs(plain) < 0.02 * shared
+
+
+def test_prnu_needs_light_and_dsnu_does_not() -> None:
+    dark = expose(flat(0), SENSOR, 5).pixels_dn
+    assert np.array_equal(expose(flat(0), replace(SENSOR, prnu=0.1), 5).pixels_dn, dark)
+    assert expose(flat(0), replace(SENSOR, dsnu_e=5.0), 5).pixels_dn.var() > 3 * dark.var()
+
+
+def test_a_fixed_pattern_belongs_to_the_seed_and_no_gain_is_negative() -> None:
+    wild = gain_pattern((400, 500), 0.9, 5)
+    assert wild.min() == 0
+    assert np.array_equal(wild, gain_pattern((400, 500), 0.9, 5))
+    assert not np.array_equal(wild, gain_pattern((400, 500), 0.9, 6))
+
+
+@pytest.mark.parametrize("order", ["RGGB", "BGGR", "GRBG", "GBRG"])
+def test_each_pixel_sees_through_its_own_filter(order: str) -> None:
+    response = dict(zip("RGB", (0.5, 1.0, 0.25), strict=True))
+    sensor = replace(SENSOR, bayer=order, bayer_response=tuple(response.values()))  # type: ignore[arg-type]
+    pixels = expose(flat(0.4), sensor, 5).pixels_dn.astype(float)
+    for k, colour in enumerate(order):
+        mean = response[colour] * 0.4 * SENSOR.electrons_per_radiance / 2.6 + 64
+        assert pixels[k // 2 :: 2, k % 2 :: 2].mean() == pytest.approx(mean, abs=0.5), colour
+
+
+def test_filters_that_pass_everything_change_nothing() -> None:
+    assert np.array_equal(
+        expose(flat(0.4), replace(SENSOR, bayer="RGGB"), 5).pixels_dn, expose(flat(0.4), SENSOR, 5).pixels_dn
+    )
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"prnu": -0.1}, {"dsnu_e": -1}, {"dark_current_e_per_s": -1}, {"bayer": "RGBG"}, {"bayer_response": (1, 0, 1)}],
+)
+def test_a_scene_refuses_a_sensor_that_cannot_be(wrong: dict[str, object]) -> None:
+    with pytest.raises(ValidationError):
+        SensorPart.model_validate(wrong)

@@ -234,7 +234,7 @@ class _Factor:
             named = [labels[k] for k in np.argsort(-weak)[:6] if weak[k] > 0.1]
             raise TestfieldError(
                 f"the observations do not determine {', '.join(named) or 'all unknowns'}",
-                do="add stations with other directions and roll, or hold a parameter",
+                do="add stations with other directions and roll, or hold a lens parameter (measure.hold)",
             ) from error
 
     def solve(self, right: np.ndarray) -> np.ndarray:

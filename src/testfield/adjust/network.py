@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from testfield.camera.interior import PARAMETERS, Interior
+from testfield.camera.interior import Interior
 from testfield.camera.pose import Poses, cross_matrix, rotation
 from testfield.camera.project import ProjectionJacobian, project_with_jacobian
 
@@ -16,7 +16,7 @@ EXACT_MM = 1e-6
 class Network:
     """Unknowns and observations of one adjustment, in the frame of board 0, which is the datum.
 
-    Unknowns: `interior` where `free` (9,) says so; camera-from-datum poses `stations` (S); datum-from-board poses
+    Unknowns: `interior` where `free` says so; camera-from-datum poses `stations` (S); datum-from-board poses
     `boards` (B), the first held at identity; one `scale` of all boards with prior 1 +- `u_scale` (0: held);
     `point_mm` (n, 3) in the frame of board `point_board` (n,), or in the datum frame where that is -1, with prior
     `prior_mm` and standard deviations `u_prior_mm` (n, 3), infinite where nothing is known.
@@ -58,7 +58,7 @@ class Network:
     def labels(self, station_names: tuple[str, ...], board_names: tuple[str, ...]) -> list[str]:
         """A name for each unknown of the reduced system, in its order."""
         axes = ("rx", "ry", "rz", "tx", "ty", "tz")
-        named = [name for name, free in zip(PARAMETERS, self.free, strict=True) if free]
+        named = [name for name, free in zip(self.interior.names, self.free, strict=True) if free]
         named += [f"station:{s}.{axis}" for s in station_names for axis in axes]
         named += [f"board:{b}.{axis}" for b in board_names[1:] for axis in axes]
         named += ["scale"] if self.scale_free else []

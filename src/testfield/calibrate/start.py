@@ -19,6 +19,8 @@ from testfield.targets.field import Field
 LEAST_MARKS = 8
 LEAST_SPREAD_PX2 = 25.0
 """Marks of less spread in an image lie on a line."""
+_PINHOLE_LIKE = {"brown": [0.0] * 5, "rational": [0.0] * 12, "fisheye": [1 / 3, 2 / 15, 17 / 315, 62 / 2835]}
+"""Coefficients with which each model images as a pinhole does: homographies know nothing else."""
 GROSS_PX = 25.0
 """A mark farther than this from its board's homography is misread: no lens bends one board so much."""
 
@@ -52,7 +54,9 @@ class _Edges:
     marks: np.ndarray
 
 
-def starting_network(rows: Observations, field: Field, width_px: int, height_px: int) -> Start:
+def starting_network(
+    rows: Observations, field: Field, width_px: int, height_px: int, lens: str, hold: tuple[str, ...]
+) -> Start:
     """The network of all boards and stations that a chain of images joins to the first board that was seen.
 
     Raises `TestfieldError` where no board, or too little of them, was seen.
@@ -80,7 +84,16 @@ def starting_network(rows: Observations, field: Field, width_px: int, height_px:
     boards, stations = order[has_board], np.flatnonzero(has_station)
     if len(stations) < 2:
         raise TestfieldError("fewer than two stations see a board well enough", do="add stations")
-    interior = Interior(width_px, height_px, np.array([focal, focal, *middle, 0, 0, 0, 0, 0]))
+    interior = Interior(width_px, height_px, np.array([focal, focal, *middle, *_PINHOLE_LIKE[lens]]), lens)
+    unknown = sorted(set(hold) - set(interior.names[4:]))
+    if unknown:
+        raise TestfieldError(
+            f"the lens model '{lens}' has no coefficient '{unknown[0]}'",
+            "measure.hold",
+            f"its are {', '.join(interior.names[4:])}",
+        )
+    free = np.array([name not in hold for name in interior.names])
+    interior = interior.with_parameters(np.where(free, interior.parameters, 0.0))
 
     usable = has_station[rows.station] & ~gross
     points = _board_points(field, boards)
@@ -104,7 +117,8 @@ def starting_network(rows: Observations, field: Field, width_px: int, height_px:
     number = np.full(len(rows.stations), -1)
     number[stations] = np.arange(len(stations))
     network = Network(
-        interior, np.ones(9, bool), station_poses[stations], board_poses[np.flatnonzero(has_board)], 1.0, field.u_scale,
+        interior, free, station_poses[stations],
+        board_poses[np.flatnonzero(has_board)], 1.0, field.u_scale,
         local, owner, local, u, number[rows.station[used]], point[used], rows.xy_px[used], rows.cov_px2[used],
         np.zeros((len(used), 2)), bars.ends, bars.length_mm, bars.u_length_mm,
     )  # fmt: skip

@@ -10,7 +10,6 @@ from testfield.adjust.normals import target_normal
 from testfield.calibrate.calibration import Calibration
 from testfield.calibrate.start import Start, starting_network
 from testfield.camera.circle import disc_image
-from testfield.camera.interior import PARAMETERS
 from testfield.camera.project import project
 from testfield.camera.rays import meet
 from testfield.detect.observations import Observations
@@ -25,11 +24,19 @@ SETTLED_PX = 1e-7
 
 
 @register("calibrators", "stitched")
-def stitched(observations: Observations, field: Field, width_px: int, height_px: int) -> Calibration:
+def stitched(
+    observations: Observations,
+    field: Field,
+    width_px: int,
+    height_px: int,
+    lens: str = "brown",
+    hold: tuple[str, ...] = (),
+) -> Calibration:
     """Sub-boards of unknown pose joined through their coded targets, in one bundle.
 
-    Calibrates from what detection measured and the field's sheet; no starting values are needed. Raises
-    `TestfieldError` where no board, or too little of them, was seen.
+    Calibrates the `lens` model named, its parameters named in `hold` kept at zero, from what detection measured and the
+    field's sheet; no starting values are needed. Raises `TestfieldError` where no board, or too little of them, was
+    seen, and where the observations do not determine a parameter.
     """
     rows = observations.measured
     finite = np.isfinite(rows.xy_px).all(axis=1) & np.isfinite(rows.cov_px2).all(axis=(1, 2))
@@ -40,7 +47,7 @@ def stitched(observations: Observations, field: Field, width_px: int, height_px:
             f"observation {bad} (station '{station}', code {rows.code[bad]}) is not finite",
             "observations.parquet", "detect again, or drop the row",
         )  # fmt: skip
-    start = starting_network(rows, field, width_px, height_px)
+    start = starting_network(rows, field, width_px, height_px, lens, hold)
     discs = _Discs(rows.moments_px2[start.rows], start.radius_mm) if rows.centre_of_disc else None
     coarse = adjust(_coarse(start.network), _coarse(start.network).labels(start.stations, start.boards))
     network = _refined(start.network, coarse.network)
@@ -118,7 +125,7 @@ def _doubts(adjustment: Adjustment) -> list[str]:
 
 def _coarse(network: Network) -> Network:
     """The first adjustment: boards as on their sheets, a one-parameter lens, weights that forgive."""
-    free = np.array([name in ("fx", "fy", "k1") for name in PARAMETERS])
+    free = network.free & np.array([name in ("fx", "fy", "k1") for name in network.interior.names])
     on_boards = network.point_board[network.point] >= 0
     coarse = network.take(on_boards)
     return replace(

@@ -1,32 +1,48 @@
-"""Interior orientation: what maps a direction in the camera frame to a pixel, without the lens' formula."""
+"""Interior orientation: what maps a direction in the camera frame to a pixel."""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-PARAMETERS = ("fx", "fy", "cx", "cy", "k1", "k2", "k3", "p1", "p2")
-"""Order of the Brown model's parameters everywhere: pixels first, then OpenCV's dimensionless coefficients."""
+from testfield.camera.lens import MODELS, LensModel
+
+PINHOLE = ("fx", "fy", "cx", "cy")
+"""The four parameters in px that every model begins with."""
 
 
 @dataclass(frozen=True)
 class Interior:
-    """Interior orientation of a frame camera with Brown's distortion.
+    """Interior orientation of a frame camera.
 
-    `parameters` (9,) in the order of `PARAMETERS`: focal lengths and principal point in px, then k1 k2 k3 p1 p2 in
-    OpenCV's normalised convention. Pixel (0, 0) is the centre of the top-left pixel.
+    `parameters` (n,) in the order of `names`: focal lengths and principal point in px, then the coefficients of the
+    lens `model`. Pixel (0, 0) is the centre of the top-left pixel. `residual_px` (2, d, d), where given, is a smooth
+    field of displacements on top of the model, which makes a true lens richer than the one being calibrated:
+    coefficients of Chebyshev products over the image, x and y displacement, row index for y.
     """
 
     width_px: int
     height_px: int
     parameters: np.ndarray
+    model: str = "brown"
+    residual_px: np.ndarray | None = None
 
     def __getattr__(self, name: str) -> float:
-        if name in PARAMETERS:
-            return float(self.parameters[PARAMETERS.index(name)])
+        if name in PINHOLE:
+            return float(self.parameters[PINHOLE.index(name)])
         raise AttributeError(name)
 
+    @property
+    def lens(self) -> LensModel:
+        """The lens model's formulas."""
+        return MODELS[self.model]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters, in order."""
+        return parameter_names(self.model)
+
     def with_parameters(self, parameters: np.ndarray) -> "Interior":
-        """The same sensor with other parameters (9,)."""
+        """The same sensor with other parameters (n,)."""
         return replace(self, parameters=np.asarray(parameters, float))
 
     @property
@@ -40,12 +56,29 @@ class Interior:
         right, bottom = self.width_px - 0.5, self.height_px - 0.5
         return np.array([[-0.5, -0.5], [right, -0.5], [right, bottom], [-0.5, bottom]])
 
+    def displacement(self, uv_px: np.ndarray) -> np.ndarray:
+        """(..., 2) px that the residual field adds at undisplaced pixels (..., 2)."""
+        if self.residual_px is None:
+            return np.zeros_like(uv_px)
+        at = 2 * (uv_px + 0.5) / [self.width_px, self.height_px] - 1
+        inside = np.clip(at, -1.05, 1.05)  # a polynomial means nothing far outside the image
+        parts = [np.polynomial.chebyshev.chebval2d(inside[..., 1], inside[..., 0], c) for c in self.residual_px]
+        return np.stack(parts, axis=-1)
+
     def to_json(self) -> dict:
         """A plain dictionary; `from_json` reads it back."""
-        values = dict(zip(PARAMETERS, self.parameters.tolist(), strict=True))
-        return {"model": "brown", "width_px": self.width_px, "height_px": self.height_px, **values}
+        data = {"model": self.model, "width_px": self.width_px, "height_px": self.height_px}
+        data |= dict(zip(self.names, self.parameters.tolist(), strict=True))
+        return data | ({} if self.residual_px is None else {"residual_px": self.residual_px.tolist()})
 
     @staticmethod
     def from_json(data: dict) -> "Interior":
         """Inverse of `to_json`."""
-        return Interior(data["width_px"], data["height_px"], np.array([data[name] for name in PARAMETERS]))
+        parameters = np.array([data[name] for name in parameter_names(data["model"])])
+        field = np.array(data["residual_px"]) if "residual_px" in data else None
+        return Interior(data["width_px"], data["height_px"], parameters, data["model"], field)
+
+
+def parameter_names(model: str) -> tuple[str, ...]:
+    """Names of a lens model's parameters, the four of the pinhole first."""
+    return (*PINHOLE, *MODELS[model].coefficients)

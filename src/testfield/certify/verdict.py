@@ -7,9 +7,9 @@ from dataclasses import dataclass
 class Verdict:
     """A figure that was measured against its limit.
 
-    `part` of the certificate (geometry, light, lens, focus, sensor, sameness), `name` of the figure, `measured` value and
-    its `limit` in `unit`; the verdict passes where `measured` does not exceed `limit`. `how` says in one sentence how it
-    was measured.
+    `part` of the certificate (geometry, light, lens, focus, sensor, sameness), `name` of the figure, `measured` value
+    and its `limit` in `unit`; the verdict passes where `measured` does not exceed `limit`. `how` says in one sentence
+    how it was measured.
     """
 
     part: str

@@ -146,12 +146,13 @@ def calibrate(run: Run) -> Made:
 
     source = run.need("observations.parquet", "detect")
     camera, method = run.scene.camera, run.scene.measure.calibrator
+    lens, hold = run.scene.measure.lens or camera.lens, run.scene.measure.hold
     code = code_digest(module_of("calibrators", method))
-    key = digest(code, file_digest(source), run.field, method, camera.width_px, camera.height_px)
+    key = digest(code, file_digest(source), run.field, method, camera.width_px, camera.height_px, lens, hold)
 
     def write(path: Path) -> None:
         observations = Observations.load(source)
-        find("calibrators", method)(observations, run.field, camera.width_px, camera.height_px).save(path)
+        find("calibrators", method)(observations, run.field, camera.width_px, camera.height_px, lens, hold).save(path)
 
     return int(run.ledger.make("calibration.json", key, write, [source])), 1
 

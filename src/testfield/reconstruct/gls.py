@@ -11,7 +11,6 @@ import numpy as np
 from testfield.adjust.normals import target_normal
 from testfield.calibrate.calibration import Calibration
 from testfield.camera.circle import disc_image
-from testfield.camera.interior import PARAMETERS
 from testfield.camera.pose import Poses
 from testfield.camera.project import ProjectionJacobian, project, project_with_jacobian
 from testfield.camera.rays import meet
@@ -143,8 +142,9 @@ def _by_calibration(jacobian: ProjectionJacobian, station: np.ndarray, calibrati
     """(2k, P) derivative of the pixels by the calibration's unknowns."""
     k = len(station)
     G = np.zeros((k, 2, len(calibration.labels)))
-    names = [name for name in PARAMETERS if name in calibration.labels]
-    G[:, :, calibration.index(names)] = jacobian.interior[:, :, [PARAMETERS.index(name) for name in names]]
+    names = [name for name in calibration.interior.names if name in calibration.labels]
+    chosen = [calibration.interior.names.index(name) for name in names]
+    G[:, :, calibration.index(names)] = jacobian.interior[:, :, chosen]
     for i, s in enumerate(station):
         columns = calibration.index(calibration.station_unknowns(int(s)))
         G[i][:, columns] = np.concatenate([jacobian.rotation[i], jacobian.camera_point[i]], axis=1)

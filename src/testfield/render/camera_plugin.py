@@ -14,6 +14,43 @@ from testfield.camera.pose import Poses
 from testfield.render.variant import mitsuba
 
 NEWTON_STEPS = 6
+FIELD_STEPS = 3
+
+
+class _DeviceMaths:
+    """What a lens formula needs beside plain arithmetic, on the device."""
+
+    @staticmethod
+    def sqrt(x: Any) -> Any:
+        import drjit as dr
+
+        return dr.sqrt(x)
+
+    @staticmethod
+    def atan2(y: Any, x: Any) -> Any:
+        import drjit as dr
+
+        return dr.atan2(y, x)
+
+    @staticmethod
+    def tan(x: Any) -> Any:
+        import drjit as dr
+
+        return dr.tan(x)
+
+    @staticmethod
+    def minimum(x: Any, y: Any) -> Any:
+        import drjit as dr
+
+        return dr.minimum(x, y)
+
+
+def _chebyshev(x: Any, count: int) -> list[Any]:
+    """The first `count` Chebyshev polynomials."""
+    terms = [0 * x + 1, x]
+    while len(terms) < count:
+        terms.append(2 * x * terms[-1] - terms[-2])
+    return terms[:count]
 
 
 class CameraRays:
@@ -23,34 +60,51 @@ class CameraRays:
         mi = mitsuba()
         import drjit as dr
 
+        self.interior = interior
         self.parameters = [mi.Float(float(value)) for value in interior.parameters]
+        self.field = [] if interior.residual_px is None else [mi.Float(float(v)) for v in interior.residual_px.ravel()]
         world_from_camera = poses.inverse()
         self.rotation = [[mi.Float(float(v)) for v in row] for row in world_from_camera.R[station]]
         self.origin = mi.Point3f(*[mi.Float(float(v)) for v in world_from_camera.t_mm[station]])
-        dr.make_opaque(self.parameters, self.rotation, self.origin)
+        dr.make_opaque(self.parameters, self.field, self.rotation, self.origin)
 
     def direction(self, x_px: Any, y_px: Any) -> tuple[Any, Any, Any]:
         """World direction with unit depth along the optical axis, and its derivatives by x and y in px."""
         mi = mitsuba()
-        fx, fy, cx, cy, k1, k2, k3, p1, p2 = self.parameters
+        fx, fy, cx, cy, *c = self.parameters
+        x_px, y_px = self._without_field(x_px, y_px)
         xd, yd = (x_px - cx) / fx, (y_px - cy) / fy
-        x, y = mi.Float(xd), mi.Float(yd)
-        # One step more than the solution needs: the last pass leaves the Jacobian at the solution.
-        for step in range(NEWTON_STEPS + 1):
-            r2 = x * x + y * y
-            radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-            slope = 2 * (k1 + r2 * (2 * k2 + r2 * 3 * k3))
-            off = x * y * slope + 2 * p1 * x + 2 * p2 * y
-            xx = radial + x * x * slope + 2 * p1 * y + 6 * p2 * x
-            yy = radial + y * y * slope + 6 * p1 * y + 2 * p2 * x
-            inverse_det = 1 / (xx * yy - off * off)
-            if step < NEWTON_STEPS:
-                ex = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x) - xd
-                ey = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y - yd
-                x, y = x - (yy * ex - off * ey) * inverse_det, y - (xx * ey - off * ex) * inverse_det
-        by_x = self._rotate(yy * inverse_det / fx, -off * inverse_det / fx, mi.Float(0))
-        by_y = self._rotate(-off * inverse_det / fy, xx * inverse_det / fy, mi.Float(0))
+        lens, maths = self.interior.lens, _DeviceMaths
+        x, y = lens.start(mi.Float(xd), mi.Float(yd), maths)
+        for _ in range(NEWTON_STEPS):
+            ex, ey, xx, xy, yx, yy = lens.image(x, y, c, maths)
+            ex, ey, inverse_det = ex - xd, ey - yd, 1 / (xx * yy - xy * yx)
+            x, y = x - (yy * ex - xy * ey) * inverse_det, y - (xx * ey - yx * ex) * inverse_det
+        _, _, xx, xy, yx, yy = lens.image(x, y, c, maths)
+        inverse_det = 1 / (xx * yy - xy * yx)
+        by_x = self._rotate(yy * inverse_det / fx, -yx * inverse_det / fx, mi.Float(0))
+        by_y = self._rotate(-xy * inverse_det / fy, xx * inverse_det / fy, mi.Float(0))
         return self._rotate(x, y, mi.Float(1)), by_x, by_y
+
+    def _without_field(self, x_px: Any, y_px: Any) -> tuple[Any, Any]:
+        """Pixels before the residual field moved them; its slope is far too small to change a footprint."""
+        if not self.field:
+            return x_px, y_px
+        degree = self.interior.residual_px.shape[1]  # type: ignore[union-attr]
+        x, y = x_px, y_px
+        for _ in range(FIELD_STEPS):
+            columns = _chebyshev((x + 0.5) * (2 / self.interior.width_px) - 1, degree)
+            rows = _chebyshev((y + 0.5) * (2 / self.interior.height_px) - 1, degree)
+            moved = [
+                sum(
+                    self.field[(part * degree + i) * degree + j] * rows[i] * columns[j]
+                    for i in range(degree)
+                    for j in range(degree)
+                )
+                for part in (0, 1)
+            ]
+            x, y = x_px - moved[0], y_px - moved[1]
+        return x, y
 
     def _rotate(self, x: Any, y: Any, z: Any) -> Any:
         return mitsuba().Vector3f(*[row[0] * x + row[1] * y + row[2] * z for row in self.rotation])

@@ -9,7 +9,6 @@ import numpy as np
 
 from testfield.calibrate.calibration import Calibration
 from testfield.camera.images import Frame
-from testfield.camera.interior import PARAMETERS
 from testfield.detect.observations import MEASURED, Observations
 from testfield.reconstruct.points import Points
 from testfield.report import figures
@@ -76,18 +75,17 @@ def _inline(svg: bytes) -> str:
 
 
 def _interior_rows(world: World, calibration: Calibration, card: dict) -> list[tuple]:
+    """Name, true and found value, error, claimed uncertainty; without the truth where the models differ."""
     u = card["calibration"]["interior_u"]
-    true, found = world.interior.parameters, calibration.interior.parameters
-    return [
-        (
-            name,
-            f"{true[k]:.6g}" if k > 3 else f"{true[k]:.4f}",
-            f"{found[k]:.6g}" if k > 3 else f"{found[k]:.4f}",
-            found[k] - true[k],
-            u[name],
-        )
-        for k, name in enumerate(PARAMETERS)
-    ]
+    alike = calibration.interior.model == world.interior.model
+    rows = []
+    for k, name in enumerate(calibration.interior.names):
+        form = "{:.4f}" if k < 4 else "{:.6g}"
+        found = calibration.interior.parameters[k]
+        true = world.interior.parameters[k] if alike else None
+        shown = "–" if true is None else form.format(true)
+        rows.append((name, shown, form.format(found), None if true is None else found - true, u.get(name)))
+    return rows
 
 
 def _check_rows(points: Any) -> list[tuple]:

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from testfield.camera.interior import Interior
+from testfield.camera.interior import Interior, parameter_names
+from testfield.camera.lens import MODELS
 from testfield.camera.pose import Poses
 from testfield.errors import TestfieldError
 from testfield.scene import generators
@@ -15,6 +16,7 @@ from testfield.targets.marks import QUIET, Marks
 
 CARD_MARGIN = QUIET + 0.3
 """Half a card's width in dot radii: the quiet zone and a little more."""
+ALL_COEFFICIENTS = {name for model in MODELS.values() for name in model.coefficients}
 BAR_THICKNESS_MM, CARD_THICKNESS_MM = 20.0, 2.0
 
 
@@ -156,8 +158,29 @@ def true_interior(scene: SceneFile) -> Interior:
     focal = 1000 * camera.focal_length_mm / camera.pixel_pitch_um
     middle = ((camera.width_px - 1) / 2, (camera.height_px - 1) / 2)
     cx, cy = (m + offset for m, offset in zip(middle, camera.principal_point_offset_px, strict=True))
-    values = [focal, focal * camera.aspect, cx, cy, camera.k1, camera.k2, camera.k3, camera.p1, camera.p2]
-    return Interior(camera.width_px, camera.height_px, np.array(values, float))
+    names = parameter_names(camera.lens)
+    for name in ALL_COEFFICIENTS - set(names):
+        if getattr(camera, name) != 0:
+            raise TestfieldError(
+                f"value {getattr(camera, name)}: the lens model '{camera.lens}' has no such coefficient",
+                f"camera.{name}",
+                f"its coefficients are {', '.join(names[4:])}",
+            )  # fmt: skip
+    values = [focal, focal * camera.aspect, cx, cy, *[getattr(camera, name) for name in names[4:]]]
+    return Interior(camera.width_px, camera.height_px, np.array(values, float), camera.lens, _residual_field(scene))
+
+
+def _residual_field(scene: SceneFile) -> np.ndarray | None:
+    """(2, d, d) Chebyshev coefficients: random, smaller at higher degree, without what pinhole parameters take up."""
+    part = scene.camera.residual_field
+    if part is None or part.rms_px == 0:
+        return None
+    order = np.add.outer(np.arange(part.degree), np.arange(part.degree))
+    drawn = generator(scene.seed, f"residual_field/{part.seed}").standard_normal((2, part.degree, part.degree))
+    field = np.where(order < 2, 0.0, drawn / np.maximum(order, 1) ** 1.5)
+    at = np.linspace(-1, 1, 41)
+    values = [np.polynomial.chebyshev.chebgrid2d(at, at, c) for c in field]
+    return field * part.rms_px / np.sqrt(np.mean(np.square(values).sum(axis=0)))
 
 
 def nominal_board(board: BoardPart, bits: int, index: int) -> NominalBoard:

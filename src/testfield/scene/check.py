@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from testfield.camera.project import directions
 from testfield.errors import TestfieldError
 from testfield.scene.schema import BoardPart, ScaleBarPart, SceneFile, SurfacePart
 from testfield.scene.truth import Views
@@ -16,7 +17,7 @@ NARROWEST_PX = 0.1
 
 def check_scene(scene: SceneFile, world: World, views: Views, source: str) -> list[str]:
     """Warnings, one sentence each. Raises `TestfieldError` for what makes the scene impossible."""
-    _possible_optics(scene, source)
+    _possible_optics(scene, world, source)
     _visible_paint(scene, source)
     _unique_names(scene, source)
     _codes_exist_and_differ(scene, world, source)
@@ -26,7 +27,15 @@ def check_scene(scene: SceneFile, world: World, views: Views, source: str) -> li
     return _sizes(world, views, source) + _joined(world, views, source) + _lit(scene, source)
 
 
-def _possible_optics(scene: SceneFile, source: str) -> None:
+def _possible_optics(scene: SceneFile, world: World, source: str) -> None:
+    edge = world.interior.corners_px
+    rim = np.concatenate([np.linspace(a, b, 20) for a, b in zip(edge, np.roll(edge, -1, axis=0), strict=True)])
+    if not np.isfinite(directions(world.interior, rim)).all():
+        worst = {name: getattr(scene.camera, name) for name in world.interior.names[4:] if getattr(scene.camera, name)}
+        raise TestfieldError(
+            f"the distortion ({', '.join(f'{k} = {v}' for k, v in worst.items())}) folds back within the image",
+            f"{source}, camera", "weaken it, or lengthen focal_length_mm",
+        )  # fmt: skip
     blur = scene.camera.psf_sigma_px
     if 0 < blur < NARROWEST_PX:
         raise TestfieldError(

@@ -64,6 +64,14 @@ class VolumePart(_Part):
     )
 
 
+class ResidualField(_Part):
+    """A smooth field of displacements on top of the lens model: the true lens is richer than what is calibrated."""
+
+    rms_px: float = Field(0.05, ge=0, le=5, description="Root mean square displacement over the image.")
+    degree: int = Field(6, ge=3, le=12, description="Highest degree of the Chebyshev polynomials in x and y, plus one.")
+    seed: int = Field(0, ge=0, description="Another seed gives another field.")
+
+
 class CameraPart(_Part):
     """The camera body and its lens, as they truly are. The measuring side is told only the image size."""
 
@@ -73,11 +81,23 @@ class CameraPart(_Part):
     focal_length_mm: float = Field(12.0, gt=1, lt=2000, description="Principal distance.")
     aspect: float = Field(1.0, gt=0.5, lt=2, description="fy / fx.")
     principal_point_offset_px: Pair = Field((0, 0), description="Principal point minus the image's middle, x and y.")
-    k1: float = Field(0, description="Brown's radial distortion, OpenCV's normalised convention.")
+    lens: Literal["brown", "rational", "fisheye"] = Field(
+        "brown",
+        description="brown (k1 k2 k3 p1 p2), rational (OpenCV's 12 coefficients), fisheye (Kannala-Brandt k1-k4).",
+    )
+    k1: float = Field(0, description="First radial coefficient, OpenCV's normalised convention.")
     k2: float = Field(0, description="Second radial coefficient.")
     k3: float = Field(0, description="Third radial coefficient.")
-    p1: float = Field(0, description="First decentring coefficient.")
-    p2: float = Field(0, description="Second decentring coefficient.")
+    k4: float = Field(0, description="Fourth radial coefficient (rational: of the denominator).")
+    k5: float = Field(0, description="Second of the denominator (rational).")
+    k6: float = Field(0, description="Third of the denominator (rational).")
+    p1: float = Field(0, description="First decentring coefficient (brown, rational).")
+    p2: float = Field(0, description="Second decentring coefficient (brown, rational).")
+    s1: float = Field(0, description="Thin prism in x (rational).")
+    s2: float = Field(0, description="Thin prism in x, higher order (rational).")
+    s3: float = Field(0, description="Thin prism in y (rational).")
+    s4: float = Field(0, description="Thin prism in y, higher order (rational).")
+    residual_field: ResidualField | None = Field(None, description="Displacements that the lens model does not know.")
     f_number: PositiveFloat = Field(8.0, description="Aperture; sets how much light reaches the sensor.")
     psf_sigma_px: float = Field(
         0.6,
@@ -97,6 +117,19 @@ class SensorPart(_Part):
     gain_e_per_dn: PositiveFloat = Field(2.6, description="Electrons a digital number.")
     black_level_dn: float = Field(64, ge=0, description="Offset added before quantisation.")
     wavelength_nm: float = Field(550, gt=300, lt=1100, description="Wavelength at which photons are counted.")
+    dark_current_e_per_s: float = Field(0, ge=0, description="Electrons a second without light, with their shot noise.")
+    prnu: float = Field(
+        0, ge=0, lt=1, description="Relative standard deviation of the pixels' response; the same in every frame."
+    )
+    dsnu_e: float = Field(
+        0, ge=0, description="Standard deviation of the pixels' dark offsets; the same in every frame."
+    )
+    bayer: Literal["RGGB", "BGGR", "GRBG", "GBRG"] | None = Field(
+        None, description="Colour filters of the top left two pixels, then of the two below; absent for none."
+    )
+    bayer_response: tuple[PositiveFloat, PositiveFloat, PositiveFloat] = Field(
+        (1.0, 1.0, 1.0), description="Relative response behind the red, green and blue filters at the scene's light."
+    )
 
 
 class ExposurePart(_Part):
@@ -323,6 +356,10 @@ class MeasurePart(_Part):
 
     centroid: str = Field("ellipse_model", description="Centroid estimator.")
     calibrator: str = Field("stitched", description="Calibration method.")
+    lens: Literal["brown", "rational", "fisheye"] | None = Field(
+        None, description="Lens model to calibrate; absent, that of the camera."
+    )
+    hold: tuple[str, ...] = Field((), description="Parameters of the calibrated lens that are held at zero, as k5.")
     reconstructor: str = Field("gls", description="Reconstruction method.")
     smallest_diameter_px: float = Field(5.0, ge=3, description="Smaller dots are not looked for.")
 

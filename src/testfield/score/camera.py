@@ -3,7 +3,7 @@
 import numpy as np
 
 from testfield.calibrate.calibration import Calibration
-from testfield.camera.interior import PARAMETERS, Interior
+from testfield.camera.interior import Interior
 from testfield.camera.pose import Poses, nearest_rotation, rotation_vector
 from testfield.camera.project import directions, project_camera
 from testfield.scene.world import World
@@ -40,11 +40,14 @@ def true_in_datum(world: World, board_names: tuple[str, ...]) -> tuple[Poses, Po
 
 def score_camera(world: World, calibration: Calibration) -> dict:
     """Interior orientation: error of each parameter with what was claimed, error in px at the corners, NEES."""
-    free = [name for name in PARAMETERS if name in calibration.labels]
-    chosen = [PARAMETERS.index(name) for name in free]
-    error = (calibration.interior.parameters - world.interior.parameters)[chosen]
+    # Parameters can only be compared between equal models; another model is judged by where it images.
+    alike = calibration.interior.model == world.interior.model
+    free = [name for name in calibration.interior.names if alike and name in calibration.labels]
+    chosen = [calibration.interior.names.index(name) for name in free]
+    error = (calibration.interior.parameters - world.interior.parameters)[chosen] if alike else np.zeros(0)
     index = calibration.index(free)
     covariance = calibration.covariance[np.ix_(index, index)]
+    anees = float(error @ np.linalg.solve(covariance, error) / len(error)) if free else None
     inset = world.interior.corners_px
     corners = interior_difference(world.interior, calibration.interior, inset)
     size = np.linalg.norm(corners, axis=1)
@@ -57,7 +60,7 @@ def score_camera(world: World, calibration: Calibration) -> dict:
         "corner_errors_px": size.tolist(),
         "interior_error": dict(zip(free, error.tolist(), strict=True)),
         "interior_u": dict(zip(free, np.sqrt(np.diag(covariance)).tolist(), strict=True)),
-        "interior_anees": float(error @ np.linalg.solve(covariance, error) / len(error)),
+        "interior_anees": anees,
         "notes": list(calibration.notes),
     }
 
