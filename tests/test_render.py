@@ -32,8 +32,7 @@ def stage(world: World) -> Stage:
 
 
 def even_light(world: World) -> Irradiance:
-    n = len(world.panels)
-    return Irradiance(np.full((n, 2), 2), np.full(4 * n, np.pi, np.float32), np.ones(n, bool))
+    return Irradiance.even(len(world.panels), np.pi)
 
 
 LENSES = {

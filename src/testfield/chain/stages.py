@@ -203,7 +203,9 @@ def report(run: Run) -> Made:
     inputs = [run.need(name, maker) for name, maker in MEASURED] + [run.need("scorecard.json", "score")]
     frames = [run.need(f"frames/{name}.png", "expose") for name in run.stations]
     code = code_digest("testfield.report.page", "testfield.scene.build", "testfield.scene.truth")
-    key = digest(code, [file_digest(path) for path in inputs + frames], run.scene.model_dump())
+    certificate = run.folder.parent / "certificate.json"
+    ruler = file_digest(certificate) if certificate.is_file() else ""
+    key = digest(code, [file_digest(path) for path in inputs + frames], run.scene.model_dump(), ruler)
 
     def write(path: Path) -> None:
         write_report(run.world, run.views, run.scene, run.folder, run.ledger.notes, path)

@@ -18,6 +18,8 @@ from testfield.render.stage import Stage
 from testfield.render.variant import mitsuba
 
 CELLS_A_PASS = 6_000_000
+PARTS = 2
+"""A cell's footprint is divided into this many parts each way where it meets a mark."""
 
 
 def render_fast(
@@ -94,7 +96,7 @@ def _shade(
     shines = emitter != None  # noqa: E711 (a device pointer)
     faces = hit.is_valid() & (slope < 0) & ~shines
     panel = stage.texture.panel(hit)
-    shaded = stage.texture.eval_1(hit, faces) * lookup.at(panel, hit.uv) / dr.pi
+    shaded = stage.texture.reflectance(hit, PARTS) * lookup.at(panel, hit.uv) / dr.pi
     emitted = dr.select(shines, emitter.eval(hit, shines)[0], 0)
     radiance = dr.select(faces, shaded, emitted)
     dr.eval(radiance)

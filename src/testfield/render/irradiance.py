@@ -1,9 +1,8 @@
 """The light on every panel, computed once a world and used by every view.
 
-On a diffuse surface irradiance does not depend on the viewer and, away from shadow edges, is smooth. So it is
-estimated with Mitsuba's path integrator at a grid of points on each panel: light that comes straight from an area
-light by sampling the light, everything else by sampling the hemisphere. Where a low polynomial explains a panel's
-values to within their noise, the polynomial takes their place and most of the noise is gone.
+On a matt surface irradiance does not depend on the viewer. What comes straight from the lamps is computed without noise
+(`direct.py`). Everything else, light that was reflected before and light from all around, is smooth; it is estimated
+with Mitsuba's path integrator at a grid of points on each panel and replaced by the polynomial that predicts it best.
 """
 
 from collections.abc import Callable
@@ -14,42 +13,47 @@ from typing import Any
 import numpy as np
 from numpy.polynomial import chebyshev
 
+from testfield.render.direct import DirectLight, DirectLookup, compute_direct
 from testfield.render.stage import Stage
 from testfield.render.variant import mitsuba
 
 PATHS_A_PASS = 1 << 21
 SMOOTH_NODES = 33
 MAX_DEPTH = 6
+MOST_DEGREE = 12
 
 
 @dataclass(frozen=True)
 class Irradiance:
-    """Irradiance in W/m^2 at nodes that span each panel edge to edge.
+    """Irradiance on all panels in W/m^2: indirect at nodes that span each panel edge to edge, and direct in tiles.
 
-    `shape` (panels, 2) rows and columns of nodes; `values` all grids one after the other, float32;
-    `smooth` (panels,) whether a polynomial took the place of the estimates.
+    `shape` (panels, 2) rows and columns of the indirect nodes; `values` all grids one after the other, float32.
     """
 
     shape: np.ndarray
     values: np.ndarray
-    smooth: np.ndarray
+    direct: DirectLight
 
     def save(self, path: Path) -> None:
         """Write as NPZ."""
+        d = self.direct
         with path.open("wb") as file:
-            np.savez(file, shape=self.shape, values=self.values, smooth=self.smooth)
+            np.savez(
+                file, shape=self.shape, values=self.values, tile_shape=d.tile_shape, nodes=d.nodes, direct=d.values
+            )
 
     @staticmethod
     def load(path: Path) -> "Irradiance":
         """Read what `save` wrote."""
         with np.load(path) as data:
-            return Irradiance(data["shape"], data["values"], data["smooth"])
+            direct = DirectLight(data["tile_shape"], data["nodes"], data["direct"])
+            return Irradiance(data["shape"], data["values"], direct)
 
-    def of_panel(self, panel: int) -> np.ndarray:
-        """(rows, columns) irradiance of one panel, W/m^2; rows run upwards."""
-        sizes = self.shape.prod(axis=1)
-        start = sizes[:panel].sum()
-        return self.values[start : start + sizes[panel]].reshape(self.shape[panel])
+    @staticmethod
+    def even(panels: int, value: float) -> "Irradiance":
+        """The same irradiance everywhere on some panels."""
+        nothing = DirectLight(np.ones((panels, 2), int), np.full(panels, 2), np.zeros(4 * panels, np.float32))
+        return Irradiance(np.full((panels, 2), 2), np.full(4 * panels, value, np.float32), nothing)
 
 
 def grid_shape(size_mm: np.ndarray, spacing_mm: float) -> np.ndarray:
@@ -89,24 +93,22 @@ def compute_irradiance(
         variance[index[:fresh]] = samples.var(axis=1, dtype=np.float64)[:fresh] / paths
         progress(1 / batches)
 
-    grids, smooth, start = [], [], 0
+    grids, start = [], 0
     for rows, columns in shapes:
         part = slice(start, start + rows * columns)
         start += rows * columns
-        nodes, fits = _nodes(mean[part].reshape(rows, columns), variance[part].reshape(rows, columns))
-        grids.append(nodes)
-        smooth.append(fits)
+        grids.append(_nodes(mean[part].reshape(rows, columns), variance[part].reshape(rows, columns)))
     return Irradiance(
         np.array([grid.shape for grid in grids]),
         np.concatenate([grid.ravel() for grid in grids]).astype(np.float32),
-        np.array(smooth),
+        compute_direct(world, stage.scene),
     )
 
 
 def _sample(
     stage: Stage, points: np.ndarray, normals: np.ndarray, tangents: np.ndarray, paths: int, seed: int
 ) -> np.ndarray:
-    """(points, paths) unbiased estimates of irradiance."""
+    """(points, paths) unbiased estimates of indirect irradiance."""
     mi = mitsuba()
     import drjit as dr
 
@@ -121,27 +123,7 @@ def _sample(
     position, normal, tangent = mi.Point3f(at(points)), at(normals), at(tangents)
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(seed, count)
-    total = mi.Float(0)
-
-    for light in stage.world.lights:
-        rotation, origin = light.world_from_light.R[0], light.world_from_light.t_mm[0]
-        across, up, facing = (mi.Vector3f(*rotation[:, k].tolist()) for k in range(3))
-        sample = sampler.next_2d()
-        target = (
-            mi.Point3f(*origin.tolist())
-            + across * ((sample.x - 0.5) * light.size_mm[0])
-            + up * ((sample.y - 0.5) * light.size_mm[1])
-        )
-        towards = target - position
-        distance2 = dr.squared_norm(towards)
-        direction = towards * dr.rsqrt(distance2)
-        cosines = dr.maximum(dr.dot(direction, normal), 0) * dr.maximum(-dr.dot(direction, facing), 0)
-        ray = mi.Ray3f(position, direction, dr.sqrt(distance2) * (1 - 1e-4), 0.0, mi.Color0f())
-        lit = (cosines > 0) & ~stage.scene.ray_test(ray)
-        area = light.size_mm[0] * light.size_mm[1]
-        total += dr.select(lit, light.radiance * area * cosines / distance2, 0)
-
-    # Everything else: a cosine-distributed direction; light straight from an area light is counted already.
+    # A cosine-distributed direction; what comes straight from a lamp is not part of this.
     local = mi.warp.square_to_cosine_hemisphere(sampler.next_2d())
     bitangent = dr.cross(normal, tangent)
     ray = mi.RayDifferential3f(mi.Ray3f(position, tangent * local.x + bitangent * local.y + normal * local.z))
@@ -150,37 +132,38 @@ def _sample(
     hit = stage.scene.ray_intersect(ray)
     emitter = hit.emitter(stage.scene)
     direct = dr.select(hit.is_valid() & (emitter != None), emitter.eval(hit)[0], 0)  # noqa: E711 (a device pointer)
-    total += dr.pi * (radiance[0] - direct)
+    total = dr.pi * (radiance[0] - direct)
     dr.eval(total)
     return np.asarray(total).reshape(len(points), paths)
 
 
-def _nodes(mean: np.ndarray, variance: np.ndarray) -> tuple[np.ndarray, bool]:
-    """Values at nodes that span the panel, from estimates in the cells' middles; and whether they are a polynomial.
+def _nodes(mean: np.ndarray, variance: np.ndarray) -> np.ndarray:
+    """Values at nodes that span the panel, from estimates in the cells' middles.
 
-    The lowest degree is taken whose chi-squared lies within three standard deviations of what the estimates' own noise
-    makes; without one the estimates stay, carried out to the edges.
+    Of the polynomials up to the grid's own degree the one is taken whose generalised cross-validation is least: it
+    predicts a left-out estimate best, so it follows what the noise lets one see and no more (Craven and Wahba 1979).
     """
     rows, columns = mean.shape
     x, y = ((np.arange(n) + 0.5) / n * 2 - 1 for n in (columns, rows))
-    weight = 1 / np.sqrt(np.maximum(variance, 1e-12 * mean.mean() ** 2 + 1e-30))
-    for degree in range(1, 9):
+    floor = 1e-12 * mean.mean() ** 2 + 1e-30
+    weight = 1 / np.sqrt(np.maximum(variance, floor)).reshape(-1, 1)
+    best, chosen = np.inf, (0, np.zeros(1))
+    for degree in range(min(MOST_DEGREE, min(rows, columns) - 1) + 1):
         terms = (degree + 1) ** 2
-        if terms * 2 > mean.size or degree >= min(rows, columns):
+        if 1.5 * terms > mean.size:
             break
-        basis = np.einsum("yi,xj->yxij", chebyshev.chebvander(y, degree), chebyshev.chebvander(x, degree)).reshape(
-            -1, terms
-        )
-        solution, *_ = np.linalg.lstsq(basis * weight.reshape(-1, 1), (mean * weight).ravel(), rcond=None)
-        residual = (mean.ravel() - basis @ solution) * weight.ravel()
-        if residual @ residual < (1 + 3 * np.sqrt(2 / (mean.size - terms))) * (mean.size - terms):
-            at = np.linspace(-1, 1, SMOOTH_NODES)
-            return chebyshev.chebgrid2d(at, at, solution.reshape(degree + 1, degree + 1)), True
-    from scipy.ndimage import map_coordinates
-
-    at_row, at_column = (np.linspace(-0.5, n - 0.5, n + 1) for n in (rows, columns))
-    grid = np.stack(np.meshgrid(at_row, at_column, indexing="ij"))
-    return map_coordinates(mean, grid, order=1, mode="nearest"), False
+        across, up = chebyshev.chebvander(x, degree), chebyshev.chebvander(y, degree)
+        basis = np.einsum("yi,xj->yxij", up, across).reshape(-1, terms)
+        weighted = basis * weight
+        # Chebyshev products are nearly orthogonal on the grid, so the normal equations lose nothing.
+        solution = np.linalg.solve(weighted.T @ weighted, weighted.T @ (mean.ravel() * weight[:, 0]))
+        residual = (mean.ravel() - basis @ solution) * weight[:, 0]
+        score = mean.size * (residual @ residual) / (mean.size - terms) ** 2
+        if score < best:
+            best, chosen = score, (degree, solution)
+    degree, solution = chosen
+    at = np.linspace(-1, 1, SMOOTH_NODES)
+    return np.maximum(chebyshev.chebgrid2d(at, at, solution.reshape(degree + 1, degree + 1)), 0)
 
 
 class IrradianceLookup:
@@ -191,6 +174,7 @@ class IrradianceLookup:
         self.rows, self.columns = (mi.UInt32(light.shape[:, k].astype(np.uint32)) for k in (0, 1))
         self.start = mi.UInt32(np.concatenate([[0], np.cumsum(light.shape.prod(axis=1))[:-1]]).astype(np.uint32))
         self.values = mi.Float(light.values)
+        self.direct = DirectLookup(light.direct)
 
     def at(self, panel: Any, uv: Any) -> Any:
         """Irradiance at panel coordinates uv in [0, 1]^2."""
@@ -206,4 +190,5 @@ class IrradianceLookup:
         first = start + row * columns + column
         a, b = (dr.gather(mi.Float, self.values, first + k) for k in (0, 1))
         c, d = (dr.gather(mi.Float, self.values, first + columns + k) for k in (0, 1))
-        return (1 - fy) * ((1 - fx) * a + fx * b) + fy * ((1 - fx) * c + fx * d)
+        indirect = (1 - fy) * ((1 - fx) * a + fx * b) + fy * ((1 - fx) * c + fx * d)
+        return indirect + self.direct.at(panel, uv)

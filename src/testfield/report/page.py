@@ -9,6 +9,7 @@ import numpy as np
 
 from testfield.calibrate.calibration import Calibration
 from testfield.camera.images import Frame
+from testfield.certify.certificate import floor_of
 from testfield.detect.observations import MEASURED, Observations
 from testfield.reconstruct.points import Points
 from testfield.report import figures
@@ -55,6 +56,7 @@ def write_report(world: World, views: Views, scene: SceneFile, folder: Path, not
         graph=_graph_rows(calibration),
         rejected=calibration.rejected,
         counts=_status_rows(observations),
+        certificate=floor_of(folder),
     )
     path.write_text(page)
 

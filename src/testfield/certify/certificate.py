@@ -1,0 +1,107 @@
+"""The certificate: all verdicts, as JSON, as a page and as a table."""
+
+import json
+import platform
+import time
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from testfield import __version__
+from testfield.certify.verdict import Verdict
+from testfield.chain.code import PACKAGES, code_digest, package_version
+from testfield.scene.build import build_world
+from testfield.scene.load import load_scene
+
+PARTS = ("geometry", "light", "lens", "sensor", "sameness")
+NOT_YET = {"focus": "depth of field and motion are not rendered yet, so nothing is measured of them"}
+"""Parts that a certificate will have, and why this one has not."""
+
+
+def certify(scene: Path, quick: bool, tell: Callable[[Verdict], None]) -> dict[str, Any]:
+    """Measure every part; `tell` hears each verdict as it falls. Returns the certificate."""
+    verdicts: list[Verdict] = []
+    seconds = {}
+    for part in PARTS:
+        start = time.perf_counter()
+        for verdict in _measure(part, scene, quick):
+            verdicts.append(verdict)
+            tell(verdict)
+        seconds[part] = round(time.perf_counter() - start, 1)
+    return {
+        "quick": quick,
+        "passed": all(verdict.passed for verdict in verdicts),
+        "verdicts": [{**vars(verdict), "passed": verdict.passed} for verdict in verdicts],
+        "not_measured": NOT_YET,
+        "code": renderer_digest(),
+        "versions": {"testfield": __version__, "python": platform.python_version()}
+        | {name: package_version(name) for name in PACKAGES},
+        "made": datetime.now(UTC).isoformat(timespec="seconds"),
+        "time_s": seconds,
+    }
+
+
+def renderer_digest() -> str:
+    """What the certificate vouches for: the source of the renderer and the sensor, and the packages under them."""
+    return code_digest("testfield.render.fast", "testfield.render.irradiance", "testfield.sensor.expose")
+
+
+def _measure(part: str, scene: Path, quick: bool) -> list[Verdict]:
+    if part == "geometry":
+        from testfield.certify.geometry import certify_geometry
+
+        return certify_geometry(quick)
+    if part == "light":
+        from testfield.certify.light import certify_light
+
+        return certify_light(build_world(load_scene(scene)), quick)
+    if part == "lens":
+        from testfield.certify.lens import certify_lens
+
+        return certify_lens(quick)
+    if part == "sensor":
+        from testfield.certify.sensor import certify_sensor
+
+        return certify_sensor(quick)
+    from testfield.certify.sameness import certify_sameness
+
+    return certify_sameness(scene, quick)
+
+
+def write_certificate(certificate: dict[str, Any], folder: Path) -> None:
+    """Write `certificate.json` and `certificate.html`."""
+    from jinja2 import Environment, StrictUndefined
+
+    from testfield.chain.files import whole
+
+    with whole(folder / "certificate.json") as path:
+        path.write_text(json.dumps(certificate, indent=1))
+    environment = Environment(undefined=StrictUndefined, autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    template = Path(__file__).with_name("certificate.html").read_text()
+    with whole(folder / "certificate.html") as path:
+        path.write_text(environment.from_string(template).render(c=certificate))
+
+
+def floor_of(folder: Path) -> dict[str, Any] | None:
+    """The certificate beside a run's folder, as a report states it; None where there is none.
+
+    `valid` tells whether it was made with the renderer that is installed now.
+    """
+    path = folder.parent / "certificate.json"
+    try:
+        certificate = json.loads(path.read_text())
+        figures = {f"{v['part']}: {v['name']}": v for v in certificate["verdicts"]}
+        return {
+            "made": certificate["made"],
+            "passed": certificate["passed"],
+            "quick": certificate["quick"],
+            "valid": certificate["code"] == renderer_digest(),
+            "figures": figures,
+            "centre_floor_px": max(
+                (v["measured"] for v in certificate["verdicts"] if v["unit"] == "px" and "rms" in v["name"]),
+                default=None,
+            ),
+        }
+    except (OSError, ValueError, KeyError, TypeError):
+        return None

@@ -1,0 +1,60 @@
+"""Lens: projection and its inverse agree, and what lies outside the domain is flagged."""
+
+import numpy as np
+
+from testfield.camera.interior import Interior
+from testfield.camera.project import directions, project_camera
+from testfield.certify.verdict import Verdict
+
+WIDTH_PX, HEIGHT_PX = 4096, 3000
+_CENTRE = [2041.0, 1507.0]
+LENSES = {
+    "brown, weak": ("brown", [8000, 8001, *_CENTRE, -0.08, 0.1, 0, 2e-4, -1e-4]),
+    "brown, strong": ("brown", [2400, 2403, *_CENTRE, -0.2, 0.09, -0.02, 1e-3, -8e-4]),
+    "rational": (
+        "rational",
+        [2600, 2610, *_CENTRE, -0.31, 0.08, 4e-4, -3e-4, 4e-3, -0.02, 0.01, 2e-3, 1e-3, -2e-4, -8e-4, 1e-4],
+    ),
+    "fisheye": ("fisheye", [1700, 1702, *_CENTRE, 0.02, -6e-3, 2e-3, -4e-4]),
+}  # fmt: skip
+FOLDING = {
+    "brown": [-0.5, 0, 0, 0, 0],
+    "rational": [0, 0, 0, 0, 0, -0.25, 0, 0, 0, 0, 0, 0],
+    "fisheye": [-0.3, 0, 0, 0],
+}
+
+
+def certify_lens(quick: bool) -> list[Verdict]:
+    """Round trips over the whole image for every model, with and without a residual field; and the domain's edge."""
+    step = 200 if quick else 40
+    grid = np.stack(np.meshgrid(np.arange(-0.5, WIDTH_PX, step), np.arange(-0.5, HEIGHT_PX, step)), -1).reshape(-1, 2)
+    field = np.random.default_rng(0).normal(0, 0.1, (2, 6, 6))
+    worst: dict[str, float] = {}
+    for name, (model, values) in LENSES.items():
+        for residual in (None, field):
+            camera = Interior(WIDTH_PX, HEIGHT_PX, np.array(values, float), model, residual)
+            error = np.abs(project_camera(camera, 5000 * directions(camera, grid)) - grid).max()
+            worst[name] = max(worst.get(name, 0.0), float(error) if np.isfinite(error) else np.inf)
+    verdicts = [
+        Verdict("lens", f"round trip, {name}", error, 1e-9, "px", f"{len(grid)} pixels to rays and back")
+        for name, error in worst.items()
+    ]
+    return [
+        *verdicts,
+        Verdict("lens", "points folded back", _folded(), 0, "points", "points beyond each model's reach"),
+    ]
+
+
+def _folded() -> int:
+    """How many points beyond a model's reach, or behind the camera, are given a pixel."""
+    given = 0
+    for model, coefficients in FOLDING.items():
+        camera = Interior(WIDTH_PX, HEIGHT_PX, np.array([1000, 1000, *_CENTRE, *coefficients], float), model)
+        reach = camera.lens.reach(camera.parameters[4:])
+        angle = np.linspace(0, 2 * np.pi, 100)
+        for radius in np.linspace(1.0001, 5, 50) * reach:
+            beyond = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.ones(100)])
+            given += int(np.isfinite(project_camera(camera, beyond)).any(axis=1).sum())
+        behind = np.column_stack([np.cos(angle), np.sin(angle), -np.ones(100)])
+        given += int(np.isfinite(project_camera(camera, behind)).any(axis=1).sum())
+    return given

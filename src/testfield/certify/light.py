@@ -1,0 +1,125 @@
+"""Light: the fast renderer against Mitsuba's own path tracer, and what its light's noise does to centres."""
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.stats import kstest, norm
+
+from testfield.camera.project import project
+from testfield.certify.verdict import Verdict
+from testfield.render.fast import render_fast
+from testfield.render.irradiance import compute_irradiance
+from testfield.render.path import render_path
+from testfield.render.stage import build_stage
+from testfield.scene.truth import see
+from testfield.scene.world import World
+
+BLOCK = 8
+SPACING_MM = 40.0
+
+
+def certify_light(world: World, quick: bool) -> list[Verdict]:
+    """Judge the light on a world with lamps, a room that reflects, and boards: interreflection and gradients."""
+    return [*_against_path(world, quick), _centre_scatter(world, quick)]
+
+
+def _against_path(world: World, quick: bool) -> list[Verdict]:
+    """Means over blocks of board pixels: fast minus path, in units of the path tracer's own scatter."""
+    small = _shrunk(world, 320)
+    stage = build_stage(small)
+    light = compute_irradiance(stage, SPACING_MM, 8192, 5, lambda _: None)
+    repeats, samples = (16, 48) if quick else (40, 256)
+    station = 1 % len(world.station_name)
+    fast = render_fast(stage, light, station, 8).values.astype(float)
+    runs = np.stack([render_path(stage, station, samples, 100 + k).values for k in range(repeats)]).astype(float)
+    on_boards = board_pixels(small, station)
+    blocks = np.stack([_blocks(run, on_boards) for run in runs])
+    difference = _blocks(fast, on_boards) - blocks.mean(axis=0)
+    u = blocks.std(axis=0, ddof=1) / np.sqrt(repeats)
+    z = difference / u
+    p_values = 2 * norm.sf(np.abs(z))
+    # Student's t of few repeats has wider tails than the normal law; its variance is (n-1)/(n-3).
+    expected = np.sqrt((repeats - 1) / (repeats - 3))
+    how = f"{len(z)} blocks of {BLOCK} x {BLOCK} board pixels, {repeats} renders of {samples} samples a pixel"
+    overall = float(abs(difference.mean()) / np.sqrt((u**2).mean() / len(u)))
+    return [
+        Verdict("light", "fast minus path, rms of z", float(np.sqrt((z**2).mean()) / expected), 1.25, "sigma", how),
+        Verdict(
+            "light", "p-values not uniform (Kolmogorov-Smirnov distance)",
+            float(kstest(p_values, "uniform").statistic),
+            1.95 / np.sqrt(len(z)) + 0.03, "", "limit: 0.1 % level, and 0.03 for Student's tails",
+        ),
+        Verdict("light", "fast minus path, mean over all boards", overall, 3.5, "sigma", how),
+        Verdict(
+            "light", "the same as a part of the mean", float(abs(difference.mean()) / blocks.mean()), 1e-3, "of mean",
+            how,
+        ),
+    ]  # fmt: skip
+
+
+def _centre_scatter(world: World, quick: bool) -> Verdict:
+    """Scatter of first-moment centres between independent computations of the light, as a scene has it by default."""
+    stage = build_stage(world)
+    seeds = 3 if quick else 8
+    centres = []
+    for seed in range(seeds):
+        light = compute_irradiance(stage, 60.0, 2048, 1000 + seed, lambda _: None)
+        centres.append(first_moment_centres(world, render_fast(stage, light, 0, 3).values.astype(float)))
+    scatter = np.std(centres, axis=0, ddof=1)
+    return Verdict(
+        "light", "centre scatter from light noise, rms", float(np.sqrt((scatter**2).mean())), 0.0005, "px",
+        f"{len(scatter)} dots, {seeds} independent computations of the light",
+    )  # fmt: skip
+
+
+def first_moment_centres(world: World, image: np.ndarray) -> np.ndarray:
+    """First moments above the black of all plain dots that station 0 sees fully."""
+    views, marks = see(world), world.marks
+    centres = []
+    for k in np.flatnonzero((marks.code == 0) & (views.visible[0] == 1)):
+        half = int(np.ceil(0.75 * views.diameter_px[0, k])) + 3
+        x, y = np.rint(views.disc_px[0, k]).astype(int)
+        part = image[y - half : y + half + 1, x - half : x + half + 1]
+        g = np.arange(-half, half + 1)
+        if part.shape != (len(g), len(g)):
+            continue
+        ink = np.where(np.hypot(*np.meshgrid(g, g)) <= half, part - np.percentile(part, 10), 0)
+        centres.append([x + ink.sum(0) @ g / ink.sum(), y + ink.sum(1) @ g / ink.sum()])
+    return np.array(centres)
+
+
+def _shrunk(world: World, width_px: int) -> World:
+    """The world seen by a camera of fewer pixels and the same field of view, without blur."""
+    scale = width_px / world.interior.width_px
+    parameters = world.interior.parameters.copy()
+    parameters[:2] *= scale
+    parameters[2:4] = (parameters[2:4] + 0.5) * scale - 0.5
+    height_px = int(world.interior.height_px * scale) // BLOCK * BLOCK
+    interior = replace(world.interior, width_px=width_px, height_px=height_px, parameters=parameters)
+    return replace(world, interior=interior, psf_sigma_px=0.0)
+
+
+def board_pixels(world: World, station: int) -> np.ndarray:
+    """(h, w) pixels that lie well inside a board's image and that no other panel hides."""
+    import cv2
+
+    mask = np.zeros((world.interior.height_px, world.interior.width_px), np.uint8)
+    names = {sheet.name for sheet in world.field.boards}
+    for k, size in enumerate(world.panels.size_mm):
+        corner = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * size / 2
+        R, t = world.panels.world_from_panel.R[k], world.panels.world_from_panel.t_mm[k]
+        pose = world.camera_from_world[np.full(4, station)]
+        outline = project(world.interior, pose, corner @ R[:, :2].T + t)
+        if world.panels.name[k] in names and np.isfinite(outline).all():
+            cv2.fillConvexPoly(mask, np.rint(outline).astype(np.int32), 1)
+    return cv2.erode(mask, np.ones((5, 5), np.uint8)).astype(bool)
+
+
+def _blocks(values: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Means over the blocks that lie wholly in the mask."""
+    h, w = (n // BLOCK * BLOCK for n in values.shape)
+
+    def fold(a: np.ndarray) -> np.ndarray:
+        return a[:h, :w].reshape(h // BLOCK, BLOCK, w // BLOCK, BLOCK).transpose(0, 2, 1, 3).reshape(-1, BLOCK**2)
+
+    return fold(values)[fold(mask).all(axis=1)].mean(axis=1)

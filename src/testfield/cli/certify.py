@@ -1,0 +1,51 @@
+"""`testfield certify`: measure the ruler itself."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+
+def add(commands: Any) -> None:
+    """Enter the command."""
+    p = commands.add_parser(
+        "certify", help="measure the renderer and the sensor, and write a certificate with verdicts",
+        description="Measures the ruler itself: geometry, light, lens, sensor, sameness. "
+        "Exit status 1 where a verdict fails.",
+    )  # fmt: skip
+    p.add_argument("--quick", action="store_true", help="fewer and smaller measurements, in about a minute")
+    p.add_argument(
+        "--scene", type=Path, default=Path("scenes/quick.toml"), metavar="SCENE", help="whose light is judged"
+    )
+    p.add_argument("--out", type=Path, default=Path("renders"), metavar="FOLDER", help="where the certificate goes")
+    p.add_argument("--json", action="store_true", help="print the certificate as one JSON object")
+    p.set_defaults(act=act)
+
+
+def act(args: argparse.Namespace) -> int:
+    """Print a verdict a line as it falls; write certificate.json and certificate.html."""
+    import json
+    import sys
+
+    from testfield.certify.certificate import certify, write_certificate
+    from testfield.certify.verdict import Verdict
+    from testfield.chain.files import disk_errors
+
+    def tell(verdict: Verdict) -> None:
+        mark = "pass" if verdict.passed else "FAIL"
+        figure = f"{verdict.measured:.3g} (limit {verdict.limit:.3g} {verdict.unit})"
+        print(
+            f"{mark}  {verdict.part:<9} {verdict.name:<58} {figure}",
+            file=sys.stderr if args.json else sys.stdout,
+            flush=True,
+        )
+
+    with disk_errors(args.out):
+        certificate = certify(args.scene, args.quick, tell)
+        write_certificate(certificate, args.out)
+    if args.json:
+        print(json.dumps(certificate))
+    else:
+        for part, why in certificate["not_measured"].items():
+            print(f"----  {part:<9} {why}")
+        print(f"\n{args.out / 'certificate.html'}")
+    return 0 if certificate["passed"] else 1

@@ -1,0 +1,220 @@
+"""Light that comes straight from the lamps: without noise, and with its shadows.
+
+From a rectangular lamp in full view it is a smooth integral, done by Gauss-Legendre quadrature over the lamp. Where
+another panel may stand between, the visible part is counted on a lattice of rays that is the same for every point, so
+neighbouring points see the same shadow edge. Panels are cut into tiles; a tile gets finer nodes until interpolation
+between them keeps the tolerance, so only penumbrae cost anything.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from testfield.render.variant import mitsuba
+from testfield.scene.world import AreaLight, World
+
+QUADRATURE = 12
+LATTICE = 4181
+"""A Fibonacci number: the golden-ratio lattice of this many points has no preferred direction."""
+RAYS_A_PASS = 1 << 23
+LEVELS = (3, 5, 9, 17, 33)
+"""Nodes along each side of a tile."""
+TILE_MM, TILE_PLAIN_MM = 120.0, 600.0
+TOLERANCE, TOLERANCE_PLAIN = 1e-3, 2e-2
+"""Error of interpolation as a part of the panel's brightest node: on panels with marks, and on plain ones."""
+
+
+@dataclass(frozen=True)
+class DirectLight:
+    """Direct irradiance in W/m^2 at the nodes of tiles that cover every panel.
+
+    `tile_shape` (panels, 2) rows and columns of tiles; `nodes` (tiles,) along each side of a tile, edges included;
+    `values` all tiles' nodes one after the other, row by row from the panel's lower left, float32.
+    """
+
+    tile_shape: np.ndarray
+    nodes: np.ndarray
+    values: np.ndarray
+
+
+def compute_direct(world: World, scene: Any) -> DirectLight:
+    """Direct light on every panel of a world whose Mitsuba scene is `scene`."""
+    marked = np.isin(np.arange(len(world.panels)), world.marks.panel)
+    side = np.where(marked, TILE_MM, TILE_PLAIN_MM)
+    shape = np.maximum(np.ceil(world.panels.size_mm[:, ::-1] / side[:, None]).astype(int), 1)
+    panel = np.repeat(np.arange(len(shape)), shape.prod(axis=1))
+    within = np.concatenate([np.arange(n) for n in shape.prod(axis=1)])
+    row, column = within // shape[panel, 1], within % shape[panel, 1]
+    values = [np.zeros((0, 0))] * len(panel)
+    active = np.arange(len(panel))
+    coarse: dict[int, np.ndarray] = {}
+    brightest = np.zeros(len(shape))
+    for level, n in enumerate(LEVELS):
+        if len(active) == 0:
+            break
+        at = np.linspace(0, 1, n)
+        v, u = np.meshgrid(at, at, indexing="ij")
+        uv = np.stack(
+            [
+                (column[active, None] + u.ravel()) / shape[panel[active], 1, None],
+                (row[active, None] + v.ravel()) / shape[panel[active], 0, None],
+            ],
+            axis=-1,
+        )
+        points, normals, owner = _places(world, np.repeat(panel[active], n * n), uv.reshape(-1, 2))
+        light = direct_irradiance(world, scene, points, normals, owner).reshape(len(active), n, n)
+        if level == 0:
+            np.maximum.at(brightest, panel[active], light.max(axis=(1, 2)))
+        unsettled = []
+        for k, tile in enumerate(active.tolist()):
+            values[tile] = light[k]
+            if level == 0 or _interpolation_error(coarse[tile], light[k]) > brightest[panel[tile]] * (
+                TOLERANCE if marked[panel[tile]] else TOLERANCE_PLAIN
+            ):
+                unsettled.append(tile)
+                coarse[tile] = light[k]
+        active = np.array(unsettled, int)
+    return DirectLight(
+        shape, np.array([v.shape[0] for v in values]), np.concatenate([v.ravel() for v in values]).astype(np.float32)
+    )
+
+
+def _places(world: World, panel: np.ndarray, uv: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """World points just above panels, their normals, and the panels."""
+    local = (uv - 0.5) * world.panels.size_mm[panel]
+    R, t = world.panels.world_from_panel.R[panel], world.panels.world_from_panel.t_mm[panel]
+    return np.einsum("nij,nj->ni", R[:, :, :2], local) + t + 0.02 * R[:, :, 2], R[:, :, 2], panel
+
+
+def _interpolation_error(coarse: np.ndarray, fine: np.ndarray) -> float:
+    """Largest difference of the fine nodes from a bilinear interpolation of every second one of them."""
+    n = len(coarse)
+    between = (coarse[:-1] + coarse[1:]) / 2
+    rows = np.empty((2 * n - 1, n))
+    rows[::2], rows[1::2] = coarse, between
+    full = np.empty((2 * n - 1, 2 * n - 1))
+    full[:, ::2], full[:, 1::2] = rows, (rows[:, :-1] + rows[:, 1:]) / 2
+    return float(np.abs(full - fine).max())
+
+
+def direct_irradiance(
+    world: World, scene: Any, points_mm: np.ndarray, normals: np.ndarray, own_panel: np.ndarray
+) -> np.ndarray:
+    """(n,) irradiance in W/m^2 that reaches points (n, 3) with normals (n, 3) on their panels (n,) from all lamps."""
+    total = np.zeros(len(points_mm))
+    for light in world.lights:
+        full = _unhidden(light, points_mm, normals)
+        doubtful = np.flatnonzero((full > 0) & _may_be_hidden(world, light, points_mm, own_panel))
+        if len(doubtful):
+            full[doubtful] *= _visible_part(light, scene, points_mm[doubtful], normals[doubtful])
+        total += full
+    return total
+
+
+def _unhidden(light: AreaLight, points_mm: np.ndarray, normals: np.ndarray) -> np.ndarray:
+    """Irradiance from a lamp in full view: radiance x integral of cos cos' / d^2 over the lamp."""
+    node, weight = np.polynomial.legendre.leggauss(QUADRATURE)
+    x, y = np.meshgrid(node / 2, node / 2)
+    w = np.outer(weight, weight).ravel() / 4 * light.size_mm[0] * light.size_mm[1]
+    R, t = light.world_from_light.R[0], light.world_from_light.t_mm[0]
+    places = t + np.column_stack([x.ravel() * light.size_mm[0], y.ravel() * light.size_mm[1]]) @ R[:, :2].T
+    total = np.zeros(len(points_mm))
+    for place, share in zip(places, w, strict=True):
+        total += share * _geometry(place, R[:, 2], points_mm, normals)
+    return light.radiance * total
+
+
+def _geometry(place: np.ndarray, facing: np.ndarray, points_mm: np.ndarray, normals: np.ndarray) -> np.ndarray:
+    to = place - points_mm
+    d2 = (to * to).sum(axis=1)
+    return np.maximum((to * normals).sum(axis=1), 0) * np.maximum(-(to @ facing), 0) / (d2 * d2)
+
+
+def _may_be_hidden(world: World, light: AreaLight, points_mm: np.ndarray, own_panel: np.ndarray) -> np.ndarray:
+    """(n,) whether any other panel's bounding sphere touches the cone from a point to the lamp's bounding sphere."""
+    centre = light.world_from_light.t_mm[0]
+    radius = np.hypot(*light.size_mm) / 2
+    axis = centre - points_mm
+    distance = np.linalg.norm(axis, axis=1)
+    axis = axis / distance[:, None]
+    doubtful = np.zeros(len(points_mm), bool)
+    for k, size in enumerate(world.panels.size_mm):
+        R, t = world.panels.world_from_panel.R[k], world.panels.world_from_panel.t_mm[k]
+        if np.all((centre - t) @ R[:, 2] > radius) and np.all((points_mm - t) @ R[:, 2] >= -1e-6):
+            continue  # lamp and points all lie before this wall
+        to = t - points_mm
+        along = (to * axis).sum(axis=1)
+        aside = np.linalg.norm(to - along[:, None] * axis, axis=1)
+        reach = np.hypot(*size) / 2
+        within = (along > -reach) & (along < distance + reach)
+        doubtful |= within & (aside < reach + radius * np.clip((along + reach) / distance, 0, 1)) & (own_panel != k)
+    return doubtful
+
+
+def _visible_part(light: AreaLight, scene: Any, points_mm: np.ndarray, normals: np.ndarray) -> np.ndarray:
+    """(n,) part of a lamp's light that is not hidden, by rays to a lattice on the lamp."""
+    mi = mitsuba()
+    import drjit as dr
+
+    k = np.arange(LATTICE)
+    lattice = np.column_stack([(k + 0.5) / LATTICE, (k * 0.6180339887498949) % 1]) - 0.5
+    R, t = light.world_from_light.R[0], light.world_from_light.t_mm[0]
+    places = (t + (lattice * light.size_mm) @ R[:, :2].T).astype(np.float32)
+    device = [mi.Float(np.ascontiguousarray(places[:, i])) for i in range(3)]
+    facing = mi.Vector3f(*R[:, 2].tolist())
+    batch = max(1, RAYS_A_PASS // LATTICE)
+    part = np.empty(len(points_mm))
+    for start in range(0, len(points_mm), batch):
+        # Every batch has the same size, so that one kernel serves all; the last one wraps round.
+        index = (np.arange(batch) + start) % len(points_mm)
+        ray = dr.arange(mi.UInt32, batch * LATTICE)
+        point, sample = ray // LATTICE, ray % LATTICE
+
+        def gather(values: np.ndarray, at: Any) -> Any:
+            return mi.Vector3f(
+                *[dr.gather(mi.Float, mi.Float(np.ascontiguousarray(values[:, i], np.float32)), at) for i in range(3)]
+            )
+
+        origin, normal = gather(points_mm[index], point), gather(normals[index], point)
+        to = mi.Vector3f(*[dr.gather(mi.Float, values, sample) for values in device]) - origin
+        d2 = dr.squared_norm(to)
+        weight = dr.maximum(dr.dot(to, normal), 0) * dr.maximum(-dr.dot(to, facing), 0) / (d2 * d2)
+        shadow = mi.Ray3f(mi.Point3f(origin), to * dr.rsqrt(d2), dr.sqrt(d2) * (1 - 1e-4), 0.0, mi.Color0f())
+        lit = dr.select(scene.ray_test(shadow, weight > 0), 0, weight)
+        dr.eval(lit, weight)
+        lit_sum, all_sum = (np.asarray(v).reshape(batch, LATTICE).sum(axis=1, dtype=np.float64) for v in (lit, weight))
+        fresh = min(batch, len(points_mm) - start)
+        part[start : start + fresh] = (lit_sum / np.maximum(all_sum, 1e-300))[:fresh]
+    return part
+
+
+class DirectLookup:
+    """Bilinear look-up in tiles, on the device."""
+
+    def __init__(self, light: DirectLight):
+        mi = mitsuba()
+        self.rows, self.columns = (mi.UInt32(light.tile_shape[:, k].astype(np.uint32)) for k in (0, 1))
+        first = np.concatenate([[0], np.cumsum(light.tile_shape.prod(axis=1))[:-1]])
+        self.first = mi.UInt32(first.astype(np.uint32))
+        self.nodes = mi.UInt32(light.nodes.astype(np.uint32))
+        self.start = mi.UInt32(np.concatenate([[0], np.cumsum(light.nodes**2)[:-1]]).astype(np.uint32))
+        self.values = mi.Float(light.values)
+
+    def at(self, panel: Any, uv: Any) -> Any:
+        """Direct irradiance at panel coordinates uv in [0, 1]^2."""
+        mi = mitsuba()
+        import drjit as dr
+
+        rows, columns = dr.gather(mi.UInt32, self.rows, panel), dr.gather(mi.UInt32, self.columns, panel)
+        x, y = dr.clip(uv.x, 0, 1) * mi.Float(columns), dr.clip(uv.y, 0, 1) * mi.Float(rows)
+        column, row = dr.minimum(mi.UInt32(x), columns - 1), dr.minimum(mi.UInt32(y), rows - 1)
+        tile = dr.gather(mi.UInt32, self.first, panel) + row * columns + column
+        nodes = dr.gather(mi.UInt32, self.nodes, tile)
+        x, y = (x - mi.Float(column)) * mi.Float(nodes - 1), (y - mi.Float(row)) * mi.Float(nodes - 1)
+        i, j = dr.minimum(mi.UInt32(x), nodes - 2), dr.minimum(mi.UInt32(y), nodes - 2)
+        fx, fy = x - mi.Float(i), y - mi.Float(j)
+        node = dr.gather(mi.UInt32, self.start, tile) + j * nodes + i
+        a, b = (dr.gather(mi.Float, self.values, node + k) for k in (0, 1))
+        c, d = (dr.gather(mi.Float, self.values, node + nodes + k) for k in (0, 1))
+        return (1 - fy) * ((1 - fx) * a + fx * b) + fy * ((1 - fx) * c + fx * d)
