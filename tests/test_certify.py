@@ -116,7 +116,10 @@ def _look_up(light: DirectLight, panel: int, u: float, v: float) -> float:
 def test_the_command_writes_the_certificate_and_fails_where_a_verdict_does(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ) -> None:
-    good, bad = Verdict("lens", "good", 0.1, 1.0, "px", "how"), Verdict("lens", "bad", 2.0, 1.0, "px", "how")
+    good, bad = (
+        Verdict("lens", "good", np.float32(0.1), np.float64(1.0), "px", "how"),
+        Verdict("lens", "bad", 2.0, 1.0, "px", "how"),
+    )
     scene = str(SCENES / "quick.toml")
     for verdicts, status in (([good], 0), ([good, bad], 1)):
         monkeypatch.setattr(whole, "_measure", lambda part, scene, quick, v=verdicts: v if part == "lens" else [])

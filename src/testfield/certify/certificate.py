@@ -32,7 +32,7 @@ def certify(scene: Path, quick: bool, tell: Callable[[Verdict], None]) -> dict[s
     return {
         "quick": quick,
         "passed": all(verdict.passed for verdict in verdicts),
-        "verdicts": [{**vars(verdict), "passed": verdict.passed} for verdict in verdicts],
+        "verdicts": [_plain(verdict) for verdict in verdicts],
         "not_measured": NOT_YET,
         "code": renderer_digest(),
         "versions": {"testfield": __version__, "python": platform.python_version()}
@@ -40,6 +40,11 @@ def certify(scene: Path, quick: bool, tell: Callable[[Verdict], None]) -> dict[s
         "made": datetime.now(UTC).isoformat(timespec="seconds"),
         "time_s": seconds,
     }
+
+
+def _plain(verdict: Verdict) -> dict[str, Any]:
+    numbers = {"measured": float(verdict.measured), "limit": float(verdict.limit), "passed": verdict.passed}
+    return vars(verdict) | numbers
 
 
 def renderer_digest() -> str:

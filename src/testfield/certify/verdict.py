@@ -22,4 +22,4 @@ class Verdict:
     @property
     def passed(self) -> bool:
         """Whether the figure keeps its limit; a figure that is not a number does not."""
-        return self.measured <= self.limit
+        return bool(self.measured <= self.limit)
