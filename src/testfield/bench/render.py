@@ -17,7 +17,8 @@ from testfield.render.stage import build_stage
 from testfield.scene.world import BOARD, Panels, TrueMarks, World
 
 PATH_SAMPLES, PATH_REPEATS = 16, 3
-CELLS = 3
+CELLS, SPACING_MM, PATHS = 3, 60.0, 4096
+"""What a scene has by default."""
 
 
 def bench_render(world: World, tell: Callable[[str], None]) -> dict[str, Any]:
@@ -34,11 +35,11 @@ def bench_render(world: World, tell: Callable[[str], None]) -> dict[str, Any]:
     converged = first_moment_centres(world, render_fast(stage, exact, 0, 8).values.astype(float))
 
     tell("fast renderer")
-    light, light_s = _timed(lambda: compute_irradiance(stage, 60.0, 2048, 1, lambda _: None))
+    light, light_s = _timed(lambda: compute_irradiance(stage, SPACING_MM, PATHS, 1, lambda _: None))
     render_fast(stage, light, 0, CELLS)  # compiles the kernels
     images, fast_s = [], []
     for seed in range(PATH_REPEATS):
-        other = compute_irradiance(stage, 60.0, 2048, 10 + seed, lambda _: None)
+        other = compute_irradiance(stage, SPACING_MM, PATHS, 10 + seed, lambda _: None)
         image, seconds = _timed(partial(render_fast, stage, other, 0, CELLS))
         images.append(first_moment_centres(world, image.values.astype(float)))
         fast_s.append(seconds)

@@ -11,11 +11,14 @@ from testfield.render.fast import render_fast
 from testfield.render.irradiance import compute_irradiance
 from testfield.render.path import render_path
 from testfield.render.stage import build_stage
+from testfield.scene.schema import RenderPart
 from testfield.scene.truth import see
 from testfield.scene.world import World
 
 BLOCK = 8
 SPACING_MM = 40.0
+LIGHTS = 4
+"""Independent computations of the fast light, so that its own noise is known."""
 
 
 def certify_light(world: World, quick: bool) -> list[Verdict]:
@@ -27,21 +30,29 @@ def _against_path(world: World, quick: bool) -> list[Verdict]:
     """Means over blocks of board pixels: fast minus path, in units of the path tracer's own scatter."""
     small = _shrunk(world, 320)
     stage = build_stage(small)
-    light = compute_irradiance(stage, SPACING_MM, 8192, 5, lambda _: None)
     repeats, samples = (16, 48) if quick else (40, 256)
     station = 1 % len(world.station_name)
-    fast = render_fast(stage, light, station, 8).values.astype(float)
-    runs = np.stack([render_path(stage, station, samples, 100 + k).values for k in range(repeats)]).astype(float)
     on_boards = board_pixels(small, station)
+    fast = np.stack(
+        [
+            _blocks(render_fast(stage, light, station, 8).values.astype(float), on_boards)
+            for light in (compute_irradiance(stage, SPACING_MM, 8192, 5 + k, lambda _: None) for k in range(LIGHTS))
+        ]
+    )
+    runs = np.stack([render_path(stage, station, samples, 100 + k).values for k in range(repeats)]).astype(float)
     blocks = np.stack([_blocks(run, on_boards) for run in runs])
-    difference = _blocks(fast, on_boards) - blocks.mean(axis=0)
-    u = blocks.std(axis=0, ddof=1) / np.sqrt(repeats)
+    difference = fast.mean(axis=0) - blocks.mean(axis=0)
+    # The fast light has noise of its own, alike over a board: it is pooled over all blocks.
+    own = fast.var(axis=0, ddof=1).mean() / LIGHTS
+    u = np.sqrt(blocks.var(axis=0, ddof=1) / repeats + own)
     z = difference / u
     p_values = 2 * norm.sf(np.abs(z))
     # Student's t of few repeats has wider tails than the normal law; its variance is (n-1)/(n-3).
     expected = np.sqrt((repeats - 1) / (repeats - 3))
     how = f"{len(z)} blocks of {BLOCK} x {BLOCK} board pixels, {repeats} renders of {samples} samples a pixel"
-    overall = float(abs(difference.mean()) / np.sqrt((u**2).mean() / len(u)))
+    # One light's noise is common to a whole board, so it does not average out over blocks.
+    common = fast.mean(axis=1).var(ddof=1) / LIGHTS
+    overall = float(abs(difference.mean()) / np.sqrt((blocks.var(axis=0, ddof=1) / repeats).mean() / len(u) + common))
     return [
         Verdict("light", "fast minus path, rms of z", float(np.sqrt((z**2).mean()) / expected), 1.25, "sigma", how),
         Verdict(
@@ -60,10 +71,10 @@ def _against_path(world: World, quick: bool) -> list[Verdict]:
 def _centre_scatter(world: World, quick: bool) -> Verdict:
     """Scatter of first-moment centres between independent computations of the light, as a scene has it by default."""
     stage = build_stage(world)
-    seeds = 3 if quick else 8
+    seeds, default = 3 if quick else 8, RenderPart()
     centres = []
     for seed in range(seeds):
-        light = compute_irradiance(stage, 60.0, 2048, 1000 + seed, lambda _: None)
+        light = compute_irradiance(stage, default.light_spacing_mm, default.light_paths, 1000 + seed, lambda _: None)
         centres.append(first_moment_centres(world, render_fast(stage, light, 0, 3).values.astype(float)))
     scatter = np.std(centres, axis=0, ddof=1)
     return Verdict(

@@ -1,6 +1,7 @@
 """Sameness: the same scene and seed give the same bytes, whatever runs them."""
 
 import hashlib
+import json
 import subprocess
 import sys
 import tempfile
@@ -65,5 +66,15 @@ def _resumed(scene: Path) -> Verdict:
 
 
 def _digests(folder: Path) -> dict[str, str]:
-    kept = [path for path in sorted(folder.rglob("*")) if path.is_file() and path.name not in ("run.json",)]
-    return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in kept}
+    """Digests of a run's files. Times differ from run to run: the ledger and the report are nothing but a record of
+    them beside the rest, and the scorecard is taken without them."""
+    digests = {}
+    for path in sorted(folder.rglob("*")):
+        if path.is_file() and path.name not in ("run.json", "report.html"):
+            content = path.read_bytes()
+            if path.name == "scorecard.json":
+                card = json.loads(content)
+                card.pop("time_s")
+                content = json.dumps(card).encode()
+            digests[str(path.relative_to(folder))] = hashlib.sha256(content).hexdigest()
+    return digests

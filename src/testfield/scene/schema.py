@@ -347,7 +347,7 @@ class RenderPart(_Part):
     )
     cells: int = Field(3, ge=1, le=16, description="fast: cells along each side of a pixel.")
     light_spacing_mm: PositiveFloat = Field(60, description="fast: distance of the points at which light is computed.")
-    light_paths: int = Field(2048, ge=16, description="fast: paths for each of these points.")
+    light_paths: int = Field(4096, ge=16, description="fast: paths for each of these points.")
     samples: int = Field(64, ge=1, description="path: samples a pixel.")
 
 
