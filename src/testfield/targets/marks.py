@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from testfield.targets.ring_code import word_of_number
 
 RING_INNER, RING_OUTER, QUIET = 2.0, 3.0, 3.9
 """Radii of the ring's edges and of the quiet zone, in dot radii (METHODS section 8)."""
@@ -25,19 +24,6 @@ class Marks:
 
     def __len__(self) -> int:
         return len(self.xy_mm)
-
-    @property
-    def word(self) -> np.ndarray:
-        """(n,) uint32: the ring's word, 0 for a plain dot."""
-        coded = self.code > 0
-        words = np.zeros(len(self), np.uint32)
-        words[coded] = word_of_number(self.code[coded], self.bits)
-        return words
-
-    @property
-    def extent_radius_mm(self) -> np.ndarray:
-        """(n,) radius of the circle that holds everything printed: the dot, or the ring's outer edge."""
-        return self.diameter_mm / 2 * np.where(self.code > 0, RING_OUTER, 1.0)
 
     @staticmethod
     def join(parts: list["Marks"]) -> "Marks":
