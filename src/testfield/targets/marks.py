@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-
 RING_INNER, RING_OUTER, QUIET = 2.0, 3.0, 3.9
 """Radii of the ring's edges and of the quiet zone, in dot radii (METHODS section 8)."""
 
