@@ -22,7 +22,7 @@ class PatternTables:
     def __init__(self, panels: Panels, marks: TrueMarks, bits: int):
         mi = mitsuba()
         self.bits = bits
-        extent = marks.diameter_mm / 2 * np.where(marks.code > 0, RING_OUTER, 1.0)
+        extent = marks.printed_radius_mm
         words = np.zeros(len(marks), np.uint32)
         words[marks.code > 0] = word_of_number(marks.code[marks.code > 0], bits)
         cells = [

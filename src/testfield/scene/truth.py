@@ -8,7 +8,6 @@ from testfield.camera.circle import disc_image
 from testfield.camera.pose import Poses
 from testfield.camera.project import project
 from testfield.scene.world import World
-from testfield.targets.marks import RING_OUTER
 
 RIM_POINTS = 12
 EDGE_MARGIN_PX = 2.0
@@ -40,7 +39,7 @@ def see(world: World) -> Views:
     shape = (stations, n)
     unseen, nowhere = np.full(shape, np.nan), np.full((*shape, 2), np.nan)
     views = Views(nowhere, nowhere.copy(), unseen, unseen.copy(), np.zeros(shape))
-    extent = marks.diameter_mm / 2 * np.where(marks.code > 0, RING_OUTER, 1.0)
+    extent = marks.printed_radius_mm
     R = world.panels.world_from_panel.R[marks.panel]
     angle = 2 * np.pi * np.arange(RIM_POINTS) / RIM_POINTS
     circle = np.vstack([[0, 0], np.column_stack([np.cos(angle), np.sin(angle)])])

@@ -7,6 +7,7 @@ import numpy as np
 from testfield.camera.interior import Interior
 from testfield.camera.pose import Poses
 from testfield.targets.field import Field
+from testfield.targets.marks import RING_OUTER
 
 BOARD, BAR, CHECK = 0, 1, 2
 """What a mark serves: a board's layout, an end of a scale bar, a check target."""
@@ -49,6 +50,11 @@ class TrueMarks:
 
     def __len__(self) -> int:
         return len(self.panel)
+
+    @property
+    def printed_radius_mm(self) -> np.ndarray:
+        """(n,) radius of the circle that holds everything printed: the dot, or the ring's outer edge."""
+        return self.diameter_mm / 2 * np.where(self.code > 0, RING_OUTER, 1.0)
 
 
 @dataclass(frozen=True)
