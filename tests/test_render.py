@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from testfield.certify.light import block_means, board_pixels
 from testfield.render.fast import pixel_weights, render_fast
 from testfield.render.irradiance import Irradiance, compute_irradiance
 from testfield.render.path import render_path
@@ -123,38 +124,13 @@ def test_fast_and_path_agree_within_the_noise(world: World) -> None:
     fast = render_fast(stage, light, 1, 8).values.astype(float)
     runs = np.stack([render_path(stage, 1, 64, 100 + k).values.astype(float) for k in range(24)])
     mean, u = runs.mean(axis=0), runs.std(axis=0, ddof=1) / np.sqrt(len(runs))
-    boards = _board_pixels(plain, 1)
+    boards = board_pixels(plain, 1)
     # Over blocks of 8 x 8 pixels, so that a small systematic difference cannot hide in the noise of single pixels.
-    difference, spread = _blocks(fast - mean, boards), _blocks(u**2, boards)
+    difference, spread = block_means(fast - mean, boards), block_means(u**2, boards)
     z = difference / np.sqrt(spread / 64)
     assert len(z) > 80
     assert np.sqrt((z**2).mean()) < 1.35
     assert abs((fast - mean)[boards].mean()) < 2e-3 * mean[boards].mean()
-
-
-def _board_pixels(world: World, station: int) -> np.ndarray:
-    """Pixels that lie well inside a board's image."""
-    import cv2
-
-    from testfield.camera.project import project
-
-    mask = np.zeros((world.interior.height_px, world.interior.width_px), np.uint8)
-    for k, size in enumerate(world.panels.size_mm[: 2 * len(world.field.boards) : 2]):
-        corner = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * size / 2 * 0.95
-        R, t = world.panels.world_from_panel.R[2 * k], world.panels.world_from_panel.t_mm[2 * k]
-        pose = world.camera_from_world[np.full(4, station)]
-        cv2.fillConvexPoly(mask, np.rint(project(world.interior, pose, corner @ R[:, :2].T + t)).astype(np.int32), 1)
-    return cv2.erode(mask, np.ones((3, 3), np.uint8)).astype(bool)
-
-
-def _blocks(values: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    h, w = values.shape
-
-    def fold(a: np.ndarray) -> np.ndarray:
-        return a.reshape(h // 8, 8, w // 8, 8).transpose(0, 2, 1, 3).reshape(-1, 64)
-
-    whole = fold(mask).all(axis=1)
-    return fold(values)[whole].mean(axis=1)
 
 
 def test_pixel_weights_have_the_width_of_pixel_and_blur() -> None:

@@ -35,12 +35,12 @@ def _against_path(world: World, quick: bool) -> list[Verdict]:
     on_boards = board_pixels(small, station)
     fast = np.stack(
         [
-            _blocks(render_fast(stage, light, station, 8).values.astype(float), on_boards)
+            block_means(render_fast(stage, light, station, 8).values.astype(float), on_boards)
             for light in (compute_irradiance(stage, SPACING_MM, 8192, 5 + k, lambda _: None) for k in range(LIGHTS))
         ]
     )
     runs = np.stack([render_path(stage, station, samples, 100 + k).values for k in range(repeats)]).astype(float)
-    blocks = np.stack([_blocks(run, on_boards) for run in runs])
+    blocks = np.stack([block_means(run, on_boards) for run in runs])
     difference = fast.mean(axis=0) - blocks.mean(axis=0)
     # The fast light has noise of its own, alike over a board: it is pooled over all blocks.
     own = fast.var(axis=0, ddof=1).mean() / LIGHTS
@@ -111,7 +111,7 @@ def _shrunk(world: World, width_px: int) -> World:
 
 
 def board_pixels(world: World, station: int) -> np.ndarray:
-    """(h, w) pixels that lie well inside a board's image and that no other panel hides."""
+    """(h, w) pixels well inside the outline of a board's image; what stands before it both renderers see alike."""
     import cv2
 
     mask = np.zeros((world.interior.height_px, world.interior.width_px), np.uint8)
@@ -126,7 +126,7 @@ def board_pixels(world: World, station: int) -> np.ndarray:
     return cv2.erode(mask, np.ones((5, 5), np.uint8)).astype(bool)
 
 
-def _blocks(values: np.ndarray, mask: np.ndarray) -> np.ndarray:
+def block_means(values: np.ndarray, mask: np.ndarray) -> np.ndarray:
     """Means over the blocks that lie wholly in the mask."""
     h, w = (n // BLOCK * BLOCK for n in values.shape)
 
