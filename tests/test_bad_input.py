@@ -54,7 +54,22 @@ CASES = {
         ["boards[0].position_mm", "finite"],
     ),
     "infinite": (("time_ms = 8.0", "time_ms = inf"), ["exposure.time_ms", "finite"]),
-    "path with blur": (("[render]", '[render]\nmode = "path"'), ["render.mode", "camera.psf_sigma_px", "0.6"]),
+    "path with a moving target": (
+        ("[render]", '[target_motion]\nvelocity_mm_s = [1, 0, 0]\n\n[render]\nmode = "path"'),
+        ["render.mode", "target_motion"],
+    ),
+    "smeared over the image": (
+        ("[render]", "[target_motion]\nvelocity_mm_s = [90000, 0, 0]\n\n[render]"),
+        ["exposure.time_ms", "smears"],
+    ),
+    "rolling shutter without a row's time": (
+        ("time_ms = 8.0", 'time_ms = 8.0\nshutter = "rolling"'),
+        ["exposure.row_time_us"],
+    ),
+    "diffraction finer than cells": (
+        ("f_number = 5.6", "f_number = 1.4\ndiffraction = true"),
+        ["camera.diffraction", "0.16 px"],
+    ),
     "name that leaves the folder": (
         ("[render]", '[[stations]]\nname = "../x"\nposition_mm = [0, -2000, 500]\n\n[render]'),
         ["stations[2].name", "../x"],

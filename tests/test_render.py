@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from testfield.certify.light import block_means, board_pixels
-from testfield.render.fast import pixel_weights, render_fast
+from testfield.render.fast import render_fast
 from testfield.render.irradiance import Irradiance, compute_irradiance
 from testfield.render.path import render_path
+from testfield.render.psf import pixel_weights
 from testfield.render.stage import Stage, build_stage
 from testfield.scene.build import build_world
 from testfield.scene.load import load_scene

@@ -14,9 +14,7 @@ from testfield.chain.code import PACKAGES, code_digest, package_version
 from testfield.scene.build import build_world
 from testfield.scene.load import load_scene
 
-PARTS = ("geometry", "light", "lens", "sensor", "sameness")
-NOT_YET = {"focus": "depth of field and motion are not rendered yet, so nothing is measured of them"}
-"""Parts that a certificate will have, and why this one has not."""
+PARTS = ("geometry", "light", "lens", "focus", "sensor", "sameness")
 
 
 def certify(scene: Path, quick: bool, tell: Callable[[Verdict], None]) -> dict[str, Any]:
@@ -33,7 +31,6 @@ def certify(scene: Path, quick: bool, tell: Callable[[Verdict], None]) -> dict[s
         "quick": quick,
         "passed": all(verdict.passed for verdict in verdicts),
         "verdicts": [_plain(verdict) for verdict in verdicts],
-        "not_measured": NOT_YET,
         "code": renderer_digest(),
         "versions": {"testfield": __version__, "python": platform.python_version()}
         | {name: package_version(name) for name in PACKAGES},
@@ -65,6 +62,10 @@ def _measure(part: str, scene: Path, quick: bool) -> list[Verdict]:
         from testfield.certify.lens import certify_lens
 
         return certify_lens(quick)
+    if part == "focus":
+        from testfield.certify.focus import certify_focus
+
+        return certify_focus(quick)
     if part == "sensor":
         from testfield.certify.sensor import certify_sensor
 

@@ -32,8 +32,9 @@ def render(run: Run) -> Made:
     fast = settings.mode == "fast"
     keys = {}
     for k, name in enumerate(run.stations):
-        view = (world.interior, world.camera_from_world[slice(k, k + 1)], world.psf_sigma_px)
-        how = (light_key, settings.cells) if fast else (surroundings, settings.samples, world.seed)
+        lens = (world.interior, world.psf_sigma_px, world.optics)
+        view = (lens, world.camera_from_world[slice(k, k + 1)], world.motion if world.motion.moves else None)
+        how = (light_key, settings.cells, settings.blur_shots) if fast else (surroundings, settings.samples, world.seed)
         keys[name] = digest(code, device, settings.mode, view, how)
     stale = [k for k, name in enumerate(run.stations) if not run.ledger.fresh(f"radiance/{name}.exr", keys[name])]
     if not stale:
@@ -60,7 +61,7 @@ def render(run: Run) -> Made:
         for k in stale:
             name = run.stations[k]
             if fast:
-                image = render_fast(stage, light, k, settings.cells, move)
+                image = render_fast(stage, light, k, settings.cells, move, settings.blur_shots)
             else:
                 image = render_path(stage, k, settings.samples, seed_of(world.seed, f"path/{name}") & 0x7FFFFFFF, move)
             run.ledger.make(f"radiance/{name}.exr", keys[name], image.save)

@@ -1,17 +1,18 @@
-"""A Mitsuba sensor with lens distortion, exact per ray.
+"""A Mitsuba sensor with lens distortion, depth of field, motion and a rolling shutter, exact per ray.
 
 Mitsuba's own cameras have one focal length and no distortion. This one undistorts each ray by Newton's method
 inside the kernel. All numbers that change from view to view are opaque variables, so no view compiles again.
 """
 
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
-from testfield.camera.interior import Interior
-from testfield.camera.pose import Poses
+from testfield.camera.motion import Twist
 from testfield.render.variant import mitsuba
+from testfield.scene.world import World
 
 NEWTON_STEPS = 6
 FIELD_STEPS = 3
@@ -53,23 +54,98 @@ def _chebyshev(x: Any, count: int) -> list[Any]:
     return terms[:count]
 
 
-class CameraRays:
-    """Maps pixels to rays in the kernel. Pixels are OpenCV's: (0, 0) is the centre of the top-left pixel."""
+@dataclass(frozen=True)
+class Rays:
+    """Rays in the world: `origin` in mm, `direction` with unit depth along the optical axis, its derivatives `by_x` and
+    `by_y` in px, and the `time` in s at which they pass."""
 
-    def __init__(self, interior: Interior, poses: Poses, station: int):
+    origin: Any
+    direction: Any
+    by_x: Any
+    by_y: Any
+    time: Any
+
+
+class DeviceTwist:
+    """A steady motion on the device."""
+
+    def __init__(self, twist: Twist):
         mi = mitsuba()
         import drjit as dr
 
-        self.interior = interior
+        spin = np.array(twist.angular_velocity_rad_s)
+        rate = float(np.linalg.norm(spin))
+        self.rate = mi.Float(rate)
+        self.axis, self.velocity, self.about = (
+            mi.Vector3f(*[mi.Float(float(v)) for v in vector])
+            for vector in (spin / (rate or 1.0), twist.velocity_mm_s, twist.about_mm)
+        )
+        dr.make_opaque(self.rate, self.axis, self.velocity, self.about)
+
+    def turn(self, vector: Any, time: Any) -> Any:
+        """A direction as the motion has turned it by a time (Rodrigues)."""
+        import drjit as dr
+
+        sine, cosine = dr.sincos(self.rate * time)
+        along = self.axis * (dr.dot(self.axis, vector) * (1 - cosine))
+        return vector * cosine + dr.cross(self.axis, vector) * sine + along
+
+    def turn_back(self, vector: Any, time: Any) -> Any:
+        """What `turn` turned."""
+        return self.turn(vector, -time)
+
+    def rest(self, point: Any, time: Any) -> Any:
+        """Where a point of the moving body is at time 0."""
+        return self.turn_back(point - self.about - self.velocity * time, time) + self.about
+
+
+class CameraRays:
+    """Maps pixels to rays in the kernel. Pixels are OpenCV's: (0, 0) is the centre of the top-left pixel."""
+
+    def __init__(self, world: World, station: int):
+        mi = mitsuba()
+        import drjit as dr
+
+        interior, optics, motion = world.interior, world.optics, world.motion
+        self.interior, self.motion = interior, motion
         self.parameters = [mi.Float(float(value)) for value in interior.parameters]
         self.field = [] if interior.residual_px is None else [mi.Float(float(v)) for v in interior.residual_px.ravel()]
-        world_from_camera = poses.inverse()
+        world_from_camera = world.camera_from_world.inverse()
         self.rotation = [[mi.Float(float(v)) for v in row] for row in world_from_camera.R[station]]
         self.origin = mi.Point3f(*[mi.Float(float(v)) for v in world_from_camera.t_mm[station]])
-        dr.make_opaque(self.parameters, self.field, self.rotation, self.origin)
+        self.focus_mm = mi.Float(optics.focus_mm) if optics.aperture_mm else None
+        self.pupil_mm = mi.Float(optics.aperture_mm / 2)
+        self.twist = DeviceTwist(motion.camera) if motion.camera.moves else None
+        self.middle_row = mi.Float((interior.height_px - 1) / 2)
+        self.row_s, self.exposure_s = mi.Float(motion.row_s), mi.Float(motion.exposure_s)
+        timing = self.middle_row, self.row_s, self.exposure_s
+        dr.make_opaque(self.parameters, self.field, self.rotation, self.origin, self.pupil_mm, *timing)
+        if self.focus_mm is not None:
+            dr.make_opaque(self.focus_mm)
 
-    def direction(self, x_px: Any, y_px: Any) -> tuple[Any, Any, Any]:
-        """World direction with unit depth along the optical axis, and its derivatives by x and y in px."""
+    def at(self, x_px: Any, y_px: Any, pupil_x_mm: Any = 0.0, pupil_y_mm: Any = 0.0, time_s: Any = 0.0) -> Rays:
+        """Rays of pixels through a point of the entrance pupil, `time_s` from the middle of their rows' exposures."""
+        mi = mitsuba()
+        direction, by_x, by_y = self._undistorted(x_px, y_px)
+        origin = mi.Vector3f(0, 0, 0)
+        time = mi.Float(time_s)
+        if self.focus_mm is not None:
+            # All rays of a pixel meet on the plane in focus.
+            pupil = mi.Vector3f(pupil_x_mm, pupil_y_mm, 0)
+            origin, direction = origin + pupil, direction - pupil / self.focus_mm
+        if self.motion.moves and self.motion.row_s:
+            time = time + (y_px - self.middle_row) * self.row_s
+        if self.twist is not None:
+            origin = self.twist.turn(origin, time) + self.twist.velocity * time
+            direction, by_x, by_y = (self.twist.turn(v, time) for v in (direction, by_x, by_y))
+        if self.focus_mm is None and self.twist is None:
+            start = self.origin
+        else:
+            start = self.origin + self._rotate(origin)
+        return Rays(start, self._rotate(direction), self._rotate(by_x), self._rotate(by_y), time)
+
+    def _undistorted(self, x_px: Any, y_px: Any) -> tuple[Any, Any, Any]:
+        """Direction in the camera with unit depth, and its derivatives by x and y in px."""
         mi = mitsuba()
         fx, fy, cx, cy, *c = self.parameters
         x_px, y_px = self._without_field(x_px, y_px)
@@ -82,9 +158,9 @@ class CameraRays:
             x, y = x - (yy * ex - xy * ey) * inverse_det, y - (xx * ey - yx * ex) * inverse_det
         _, _, xx, xy, yx, yy = lens.image(x, y, c, maths)
         inverse_det = 1 / (xx * yy - xy * yx)
-        by_x = self._rotate(yy * inverse_det / fx, -yx * inverse_det / fx, mi.Float(0))
-        by_y = self._rotate(-xy * inverse_det / fy, xx * inverse_det / fy, mi.Float(0))
-        return self._rotate(x, y, mi.Float(1)), by_x, by_y
+        by_x = mi.Vector3f(yy * inverse_det / fx, -yx * inverse_det / fx, 0)
+        by_y = mi.Vector3f(-xy * inverse_det / fy, xx * inverse_det / fy, 0)
+        return mi.Vector3f(x, y, 1), by_x, by_y
 
     def _without_field(self, x_px: Any, y_px: Any) -> tuple[Any, Any]:
         """Pixels before the residual field moved them; its slope is far too small to change a footprint."""
@@ -106,8 +182,8 @@ class CameraRays:
             x, y = x_px - moved[0], y_px - moved[1]
         return x, y
 
-    def _rotate(self, x: Any, y: Any, z: Any) -> Any:
-        return mitsuba().Vector3f(*[row[0] * x + row[1] * y + row[2] * z for row in self.rotation])
+    def _rotate(self, v: Any) -> Any:
+        return mitsuba().Vector3f(*[row[0] * v.x + row[1] * v.y + row[2] * v.z for row in self.rotation])
 
 
 @lru_cache
@@ -122,17 +198,23 @@ def _camera_class() -> type:
             size = self.film().size()
             self.width, self.height = int(size[0]), int(size[1])
             self.rays: CameraRays | None = None
+            self.attenuation: Any = None
+            self.cells, self.margin = 1, 0
+            self.m_needs_sample_3 = True
 
         def sample_ray(self, time, wavelength_sample, position_sample, aperture_sample, active=True):  # type: ignore[no-untyped-def]
             # position_sample covers the crop window; Mitsuba's origin is the corner of the top-left pixel.
+            # The film has `cells` x `cells` pixels for each of the camera's, and `margin` of these all around.
             film = self.film()
             size, offset = film.crop_size(), film.crop_offset()
-            x_px = position_sample.x * float(size[0]) + float(offset[0]) - 0.5
-            y_px = position_sample.y * float(size[1]) + float(offset[1]) - 0.5
+            x_px = (position_sample.x * float(size[0]) + float(offset[0])) / self.cells - self.margin - 0.5
+            y_px = (position_sample.y * float(size[1]) + float(offset[1])) / self.cells - self.margin - 0.5
             assert self.rays is not None
-            direction, _, _ = self.rays.direction(x_px, y_px)
-            ray = mi.Ray3f(self.rays.origin, dr.normalize(direction), time, mi.Color0f())
-            return ray, mi.Color1f(1.0)
+            pupil = mi.warp.square_to_uniform_disk_concentric(aperture_sample) * self.rays.pupil_mm
+            rays = self.rays.at(x_px, y_px, pupil.x, pupil.y, (time - 0.5) * self.rays.exposure_s)
+            ray = mi.Ray3f(rays.origin, dr.normalize(rays.direction), time, mi.Color0f())
+            weight = mi.Float(1) if self.attenuation is None else self.attenuation.at(x_px, y_px, rays)
+            return ray, mi.Color1f(weight)
 
         def sample_ray_differential(self, time, wavelength_sample, position_sample, aperture_sample, active=True):  # type: ignore[no-untyped-def]
             ray, weight = self.sample_ray(time, wavelength_sample, position_sample, aperture_sample, active)
@@ -148,24 +230,62 @@ def _camera_class() -> type:
     return DistortedCamera
 
 
-def mitsuba_sensor(interior: Interior, poses: Poses, station: int) -> Any:
-    """A Mitsuba sensor of one station, with a box filter and a float32 film."""
+def mitsuba_sensor(world: World, station: int, cells: int = 1, margin: int = 0) -> Any:
+    """A Mitsuba sensor of one station, with a box filter and a float32 film.
+
+    The film has `cells` x `cells` pixels for each of the camera's, and `margin` of the camera's pixels all around.
+    """
     _camera_class()
+    interior = world.interior
     sensor = mitsuba().load_dict(
         {
             "type": "testfield_camera",
+            "shutter_open": 0.0,
+            "shutter_close": 1.0 if world.motion.moves else 0.0,
             "film": {
                 "type": "hdrfilm",
-                "width": interior.width_px,
-                "height": interior.height_px,
+                "width": (interior.width_px + 2 * margin) * cells,
+                "height": (interior.height_px + 2 * margin) * cells,
                 "rfilter": {"type": "box"},
                 "pixel_format": "luminance",
                 "component_format": "float32",
             },
         }
     )
-    sensor.rays = CameraRays(interior, poses, station)
+    sensor.rays = CameraRays(world, station)
+    sensor.attenuation = Vignetting(world) if vignettes(world) else None
+    sensor.cells, sensor.margin = cells, margin
     return sensor
+
+
+def vignettes(world: World) -> bool:
+    """Whether the image is darker towards its edges."""
+    return world.optics.natural_vignetting or any(world.optics.vignetting)
+
+
+class Vignetting:
+    """Part of the light that reaches a pixel, by where it is."""
+
+    def __init__(self, world: World):
+        mi = mitsuba()
+        import drjit as dr
+
+        width, height = world.interior.width_px, world.interior.height_px
+        self.natural = world.optics.natural_vignetting
+        self.numbers = [mi.Float(v) for v in ((width - 1) / 2, (height - 1) / 2, 4 / (width**2 + height**2))]
+        self.coefficients = [mi.Float(v) for v in world.optics.vignetting]
+        dr.make_opaque(self.numbers, self.coefficients)
+
+    def at(self, x_px: Any, y_px: Any, rays: Rays) -> Any:
+        """Factor in [0, 1]."""
+        import drjit as dr
+
+        middle_x, middle_y, scale = self.numbers
+        r2 = ((x_px - middle_x) ** 2 + (y_px - middle_y) ** 2) * scale
+        v1, v2, v3 = self.coefficients
+        factor = dr.clip(1 + r2 * (v1 + r2 * (v2 + r2 * v3)), 0, 1)
+        # The direction has unit depth, so the field angle's cosine is one over its length.
+        return factor / dr.square(dr.squared_norm(rays.direction)) if self.natural else factor
 
 
 def opaque_float(value: float) -> Any:

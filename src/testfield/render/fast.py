@@ -2,18 +2,20 @@
 
 Each pixel is divided into n x n cells. One ray a cell finds the panel it falls on; the marks' coverage of the cell's
 footprint is integrated in closed form, and the panel's irradiance, computed once a world, shades it. The optics'
-blur and the pixel's area are one weighting of the cells. There is no Monte Carlo noise.
+blur and the pixel's area are one weighting of the cells (`psf.py`); defocus and motion are means over a few sharp
+pictures (`shots.py`). There is no Monte Carlo noise.
 """
 
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from scipy.special import erf
 
 from testfield.camera.images import Radiance
-from testfield.render.camera_plugin import CameraRays, opaque_float
+from testfield.render.camera_plugin import CameraRays, DeviceTwist, Rays, Vignetting, opaque_float, vignettes
 from testfield.render.irradiance import Irradiance, IrradianceLookup
+from testfield.render.psf import point_spread
+from testfield.render.shots import shots
 from testfield.render.stage import Stage
 from testfield.render.variant import mitsuba
 
@@ -28,19 +30,19 @@ def render_fast(
     station: int,
     cells: int,
     progress: Callable[[float], None] = lambda _: None,
+    blur_shots: int = 64,
 ) -> Radiance:
     """Radiance image of one station, noise-free.
 
-    `cells` along each side of a pixel, more where a narrow point spread needs it; `progress` is told the
-    fraction done since the last call.
+    `cells` along each side of a pixel, more where a narrow point spread needs it; `blur_shots` sharp pictures whose
+    mean a defocused or moved one is; `progress` is told the fraction done since the last call.
     """
     world = stage.world
     width, height = world.interior.width_px, world.interior.height_px
-    if world.psf_sigma_px > 0:
-        cells = max(cells, int(np.ceil(1 / world.psf_sigma_px)))
-    weights, margin = pixel_weights(cells, world.psf_sigma_px)
-    lookup = IrradianceLookup(light)
-    rays = CameraRays(world.interior, world.camera_from_world, station)
+    exposure = shots(world, blur_shots)
+    spread = point_spread(cells if len(exposure) == 1 else 1, world.psf_sigma_px, world.optics.airy_px)
+    cells, margin = spread.cells, spread.margin
+    view = _View(stage, light, station)
     columns = (width + 2 * margin) * cells
     strip = max(1, CELLS_A_PASS // (columns * cells) - 2 * margin)
     strips = -(-height // strip)
@@ -48,89 +50,98 @@ def render_fast(
     values = np.empty((height, width), np.float32)
     for top in range(0, height, strip):
         rows = (strip + 2 * margin) * cells
-        fine = _shade(stage, lookup, rays, rows, columns, cells, top - margin, -margin)
-        image = _weigh(fine, weights, cells, strip, width)
-        values[top : top + strip] = image[: height - top]
-        progress(1 / strips)
+        fine = view.mean_of(exposure, rows, columns, cells, top - margin, -margin, lambda part: progress(part / strips))
+        values[top : top + strip] = spread.weigh(fine, strip, width)[: height - top]
     return Radiance(world.station_name[station], values)
 
 
-def _shade(
-    stage: Stage,
-    lookup: IrradianceLookup,
-    rays: CameraRays,
-    rows: int,
-    columns: int,
-    cells: int,
-    top: int,
-    left: int,
-) -> np.ndarray:
-    """(rows, columns) mean radiance of each cell; the first cell is the corner of pixel (left, top)."""
+class _View:
+    """One station's view of a stage under its light."""
+
+    def __init__(self, stage: Stage, light: Irradiance, station: int):
+        self.stage = stage
+        self.lookup = IrradianceLookup(light)
+        self.rays = CameraRays(stage.world, station)
+        self.vignetting = Vignetting(stage.world) if vignettes(stage.world) else None
+        self.target = DeviceTwist(stage.world.motion.target) if stage.world.motion.target.moves else None
+
+    def mean_of(
+        self, exposure: np.ndarray, rows: int, columns: int, cells: int, top: int, left: int,
+        progress: Callable[[float], None],
+    ) -> np.ndarray:  # fmt: skip
+        """(rows, columns) mean radiance of each cell over all shots; the first is the corner of pixel (left, top)."""
+        mi = mitsuba()
+        import drjit as dr
+
+        total = mi.Float(0)
+        for shot in exposure:
+            index = dr.arange(mi.UInt32, rows * columns)
+            row, column = index // columns, index % columns
+            x_px = (mi.Float(column) + 0.5) / cells - 0.5 + opaque_float(left)
+            y_px = (mi.Float(row) + 0.5) / cells - 0.5 + opaque_float(top)
+            rays = self.rays.at(x_px, y_px, *[opaque_float(v) for v in shot])
+            radiance = self._radiance(rays, cells)
+            if self.vignetting is not None:
+                radiance *= self.vignetting.at(x_px, y_px, rays)
+            total = total + radiance if len(exposure) > 1 else radiance
+            dr.eval(total)
+            progress(1 / len(exposure))
+        return np.asarray(total).reshape(rows, columns) / np.float32(len(exposure))
+
+    def _radiance(self, rays: Rays, cells: int) -> Any:
+        """Mean radiance of the cells whose middles the rays pass through."""
+        import drjit as dr
+
+        stage = self.stage
+        hit, rays = self._hit(rays)
+
+        # Where the cell's edges meet the panel's plane: the change of the hit point by one cell in x and in y.
+        depth = hit.t / dr.norm(rays.direction)
+        slope = dr.dot(rays.direction, hit.n)
+
+        def footprint(by: Any) -> Any:
+            shift = (by - rays.direction * (dr.dot(by, hit.n) / slope)) * (depth / cells)
+            return mitsuba().Vector2f(
+                dr.dot(shift, hit.dp_du) / dr.squared_norm(hit.dp_du),
+                dr.dot(shift, hit.dp_dv) / dr.squared_norm(hit.dp_dv),
+            )
+
+        hit.duv_dx, hit.duv_dy = footprint(rays.by_x), footprint(rays.by_y)
+        emitter = hit.emitter(stage.scene)
+        shines = emitter != None  # noqa: E711 (a device pointer)
+        faces = hit.is_valid() & (slope < 0) & ~shines
+        panel = stage.texture.panel(hit)
+        shaded = stage.texture.reflectance(hit, PARTS) * self.lookup.at(panel, hit.uv) / dr.pi
+        emitted = dr.select(shines, emitter.eval(hit, shines)[0], 0)
+        return dr.select(faces, shaded, emitted)
+
+    def _hit(self, rays: Rays) -> tuple[Any, Rays]:
+        """What the rays meet first, and the rays in the frame in which that rests."""
+        import drjit as dr
+
+        if self.target is None:
+            return _first(self.stage.scene, rays), rays
+        # Light takes no time: to meet what has moved is to meet it at rest with a ray that moved the other way.
+        turned = [self.target.turn_back(v, rays.time) for v in (rays.direction, rays.by_x, rays.by_y)]
+        moved = Rays(self.target.rest(rays.origin, rays.time), turned[0], turned[1], turned[2], rays.time)
+        still, moving = _first(self.stage.still, rays), _first(self.stage.moving, moved)
+        nearer = moving.t < still.t
+        chosen = [
+            dr.select(nearer, a, b)
+            for a, b in (
+                (moved.origin, rays.origin),
+                (moved.direction, rays.direction),
+                (moved.by_x, rays.by_x),
+                (moved.by_y, rays.by_y),
+            )
+        ]
+        return dr.select(nearer, moving, still), Rays(chosen[0], chosen[1], chosen[2], chosen[3], rays.time)
+
+
+def _first(scene: Any, rays: Rays) -> Any:
     mi = mitsuba()
     import drjit as dr
 
-    index = dr.arange(mi.UInt32, rows * columns)
-    row, column = index // columns, index % columns
-    x_px = (mi.Float(column) + 0.5) / cells - 0.5 + opaque_float(left)
-    y_px = (mi.Float(row) + 0.5) / cells - 0.5 + opaque_float(top)
-    direction, by_x, by_y = rays.direction(x_px, y_px)
-    length = dr.norm(direction)
-    ray = mi.Ray3f(rays.origin, direction / length)
-    hit = stage.scene.ray_intersect(
-        ray, ray_flags=mi.RayFlags.Minimal | mi.RayFlags.UV | mi.RayFlags.dPdUV, coherent=True
-    )
-
-    # Where the cell's edges meet the panel's plane: the change of the hit point by one cell in x and in y.
-    depth = hit.t / length
-    slope = dr.dot(direction, hit.n)
-
-    def footprint(by: Any) -> Any:
-        shift = (by - direction * (dr.dot(by, hit.n) / slope)) * (depth / cells)
-        return mi.Vector2f(
-            dr.dot(shift, hit.dp_du) / dr.squared_norm(hit.dp_du),
-            dr.dot(shift, hit.dp_dv) / dr.squared_norm(hit.dp_dv),
-        )
-
-    hit.duv_dx, hit.duv_dy = footprint(by_x), footprint(by_y)
-    emitter = hit.emitter(stage.scene)
-    shines = emitter != None  # noqa: E711 (a device pointer)
-    faces = hit.is_valid() & (slope < 0) & ~shines
-    panel = stage.texture.panel(hit)
-    shaded = stage.texture.reflectance(hit, PARTS) * lookup.at(panel, hit.uv) / dr.pi
-    emitted = dr.select(shines, emitter.eval(hit, shines)[0], 0)
-    radiance = dr.select(faces, shaded, emitted)
-    dr.eval(radiance)
-    return np.asarray(radiance).reshape(rows, columns)
-
-
-def pixel_weights(cells: int, psf_sigma_px: float) -> tuple[np.ndarray, int]:
-    """Weights of a row of cells in one pixel, and how many pixels they reach beyond it on either side.
-
-    The pixel's box convolved with the optics' Gaussian, integrated over each cell. Averaging over a cell and
-    integrating the weight over it each widen the whole by a box of variance (1 / cells)^2 / 12, which is taken off the
-    Gaussian's. The cells must not be wider than the Gaussian's sigma.
-    """
-    if psf_sigma_px == 0:
-        return np.full(cells, 1 / cells), 0
-    sigma = np.sqrt(psf_sigma_px**2 - 1 / (6 * cells**2))
-    margin = int(np.ceil(4.5 * psf_sigma_px))
-    edges = np.arange(cells * (2 * margin + 1) + 1) / cells - margin - 0.5
-
-    def twice_integrated(x: np.ndarray) -> np.ndarray:  # of the Gaussian
-        return x * (1 + erf(x / (sigma * np.sqrt(2)))) / 2 + sigma * np.exp(-((x / sigma) ** 2) / 2) / np.sqrt(
-            2 * np.pi
-        )
-
-    weights = np.diff(twice_integrated(edges + 0.5) - twice_integrated(edges - 0.5))
-    return weights / weights.sum(), margin
-
-
-def _weigh(fine: np.ndarray, weights: np.ndarray, cells: int, rows: int, columns: int) -> np.ndarray:
-    """(rows, columns) pixels from cells: the same weights along rows and along columns."""
-    across = np.zeros((fine.shape[0], columns), np.float32)
-    for k, weight in enumerate(weights.astype(np.float32)):
-        across += weight * fine[:, k : k + columns * cells : cells]
-    image = np.zeros((rows, columns), np.float32)
-    for k, weight in enumerate(weights.astype(np.float32)):
-        image += weight * across[k : k + rows * cells : cells]
-    return image
+    ray = mi.Ray3f(rays.origin, rays.direction / dr.norm(rays.direction))
+    flags = mi.RayFlags.Minimal | mi.RayFlags.UV | mi.RayFlags.dPdUV
+    return scene.ray_intersect(ray, ray_flags=flags, coherent=True)

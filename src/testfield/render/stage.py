@@ -13,11 +13,14 @@ from testfield.scene.world import World
 
 @dataclass(frozen=True)
 class Stage:
-    """`scene` the Mitsuba scene; `texture` the pattern all panels share, which also tells a hit's panel."""
+    """`scene` the Mitsuba scene; `texture` the pattern all panels share, which also tells a hit's panel; `still` and
+    `moving` the same scene in two parts where the target moves during the exposure."""
 
     world: World
     scene: Any
     texture: Any
+    still: Any = None
+    moving: Any = None
 
 
 def build_stage(world: World) -> Stage:
@@ -61,7 +64,18 @@ def build_stage(world: World) -> Stage:
         table[numbers[f"panel{k:05d}"]] = k
     texture.panel_of_shape = mi.UInt32(table)
     texture.tables = PatternTables(world.panels, world.marks, world.field.bits)
-    return Stage(world, scene, texture)
+    if not world.motion.target.moves:
+        return Stage(world, scene, texture)
+    rests = {f"panel{k:05d}" for k in np.flatnonzero(world.panels.of_room)}
+    groups: dict[bool, dict[str, Any]] = {True: {}, False: {}}
+    for shape in scene.shapes():
+        moves = shape.id().startswith("panel") and shape.id() not in rests
+        groups[moves][shape.id()] = shape
+    emitters = {"ambient": parts["ambient"]} if "ambient" in parts else {}
+    still, moving = (
+        mi.load_dict({"type": "scene", **shapes}, optimize=False) for shapes in (groups[False] | emitters, groups[True])
+    )
+    return Stage(world, scene, texture, still, moving)
 
 
 def _to_world(poses: Poses, index: int, size_mm: np.ndarray) -> Any:

@@ -4,11 +4,21 @@ import numpy as np
 
 from testfield.camera.interior import Interior, parameter_names
 from testfield.camera.lens import MODELS
+from testfield.camera.motion import Motion, Twist
+from testfield.camera.optics import Optics, entrance_pupil_mm
 from testfield.camera.pose import Poses
 from testfield.errors import TestfieldError
 from testfield.scene import generators
 from testfield.scene.frames import along, facing
-from testfield.scene.schema import BoardPart, CheckOnBoard, ExtensionZone, RecognitionZone, SceneFile
+from testfield.scene.schema import (
+    BoardPart,
+    CheckOnBoard,
+    ExtensionZone,
+    MotionPart,
+    RecognitionZone,
+    SceneFile,
+    TargetMotionPart,
+)
 from testfield.scene.world import BAR, BOARD, CHECK, AreaLight, Panels, TrueMarks, World
 from testfield.seeds import generator
 from testfield.targets.field import Field, NominalBoard, ScaleBar
@@ -112,6 +122,7 @@ def build_world(scene: SceneFile) -> World:
         parts.mark(panel, np.zeros(2), diameter, code, CHECK)
     loose |= {code: d for _, _, d, code, role, _, _ in parts.marks if role == CHECK}
 
+    carried = len(parts.panels)
     for k, surface in enumerate(scene.room.surfaces):
         try:
             R = facing(np.array(surface.normal))
@@ -146,9 +157,10 @@ def build_world(scene: SceneFile) -> World:
         1e-6 * scene.u_print_scale_ppm,
     )
     return World(
-        scene.name, seed, float(np.linalg.norm(scene.volume.size_mm)), _panels(parts), _marks(parts),
+        scene.name, seed, float(np.linalg.norm(scene.volume.size_mm)), _panels(parts, carried), _marks(parts),
         Poses(np.array(board_R), np.array(board_t)), tuple(names), Poses(station_R, station_t), true_interior(scene),
         scene.camera.psf_sigma_px, lights, scene.room.ambient_w_m2_sr, field,
+        true_optics(scene), true_motion(scene),
     )  # fmt: skip
 
 
@@ -168,6 +180,35 @@ def true_interior(scene: SceneFile) -> Interior:
             )  # fmt: skip
     values = [focal, focal * camera.aspect, cx, cy, *[getattr(camera, name) for name in names[4:]]]
     return Interior(camera.width_px, camera.height_px, np.array(values, float), camera.lens, _residual_field(scene))
+
+
+def true_optics(scene: SceneFile) -> Optics:
+    """What the lens does besides bending light."""
+    camera = scene.camera
+    airy_um = 1e-3 * scene.sensor.wavelength_nm * camera.f_number
+    return Optics(
+        0.0 if camera.focus_mm is None
+        else entrance_pupil_mm(camera.focal_length_mm, camera.f_number, camera.focus_mm),
+        camera.focus_mm or 0.0,
+        airy_um / camera.pixel_pitch_um if camera.diffraction else 0.0,
+        camera.vignetting,
+        camera.natural_vignetting,
+    )  # fmt: skip
+
+
+def true_motion(scene: SceneFile) -> Motion:
+    """What moves while the shutter is open."""
+
+    def twist(part: MotionPart | None) -> Twist:
+        if part is None:
+            return Twist()
+        x, y, z = np.radians(part.angular_velocity_deg_s).tolist()
+        about = part.about_mm if isinstance(part, TargetMotionPart) else (0.0, 0.0, 0.0)
+        return Twist(part.velocity_mm_s, (x, y, z), about)
+
+    exposure = scene.exposure
+    row_s = 1e-6 * exposure.row_time_us if exposure.shutter == "rolling" else 0.0
+    return Motion(twist(scene.camera.motion), twist(scene.target_motion), 1e-3 * exposure.time_ms, row_s)
 
 
 def _residual_field(scene: SceneFile) -> np.ndarray | None:
@@ -214,9 +255,12 @@ def _grid(zone: ExtensionZone | RecognitionZone) -> np.ndarray:
     return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
 
 
-def _panels(parts: _Assembly) -> Panels:
+def _panels(parts: _Assembly, carried: int) -> Panels:
+    """All panels, the first `carried` of which belong to the target and the rest to the room."""
     name, R, t, size, ground, ink = zip(*parts.panels, strict=True)
-    return Panels(name, Poses(np.array(R), np.array(t)), np.array(size, float), np.array(ground), np.array(ink))
+    of_room = np.arange(len(name)) >= carried
+    poses = Poses(np.array(R), np.array(t))
+    return Panels(name, poses, np.array(size, float), np.array(ground), np.array(ink), of_room)
 
 
 def _marks(parts: _Assembly) -> TrueMarks:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from testfield.camera.project import directions
+from testfield.camera.project import directions, project
 from testfield.errors import TestfieldError
 from testfield.scene.schema import BoardPart, ScaleBarPart, SceneFile, SurfacePart
 from testfield.scene.truth import Views
@@ -12,7 +12,8 @@ from testfield.targets.ring_code import code_words
 
 DECODABLE_PX = 8.0
 FACES_DEG = 75.0
-NARROWEST_PX = 0.1
+NARROWEST_PX, NARROWEST_AIRY_PX = 0.1, 0.25
+LONGEST_STREAK_PX = 200.0
 
 
 def check_scene(scene: SceneFile, world: World, views: Views, source: str) -> list[str]:
@@ -43,12 +44,46 @@ def _possible_optics(scene: SceneFile, world: World, source: str) -> None:
             f"{source}, camera.psf_sigma_px",
             f"give 0, or {NARROWEST_PX} or more",
         )
-    if blur and scene.render.mode == "path":
+    if 0 < world.optics.airy_px < NARROWEST_AIRY_PX:
         raise TestfieldError(
-            f"render.mode = 'path' carries no point spread, and camera.psf_sigma_px is {blur}",
-            f"{source}, render.mode",
-            "set camera.psf_sigma_px = 0, or render.mode = 'fast'",
+            f"wavelength x f-number is {world.optics.airy_px:.2f} px, finer than can be resolved",
+            f"{source}, camera.diffraction", "set it to false: the pixel's own area is far larger",
         )  # fmt: skip
+    if world.motion.target.moves and scene.render.mode == "path":
+        raise TestfieldError(
+            "render.mode = 'path' carries no moving target", f"{source}, target_motion",
+            "move the camera instead (camera.motion), or set render.mode = 'fast'",
+        )  # fmt: skip
+    if scene.exposure.shutter == "rolling" and not scene.exposure.row_time_us:
+        raise TestfieldError(
+            "a rolling shutter whose rows take no time is a global one", f"{source}, exposure.row_time_us",
+            "give the time a row takes to read, as 10",
+        )  # fmt: skip
+    longest = _longest_streak_px(world)
+    if longest > LONGEST_STREAK_PX:
+        raise TestfieldError(
+            f"the motion during the exposure smears targets over {longest:.0f} px",
+            f"{source}, exposure.time_ms", "shorten it, or slow the motion down",
+        )  # fmt: skip
+
+
+def _longest_streak_px(world: World) -> float:
+    """Length in px that the fastest of all marks seems to move from the first to the last moment of an exposure."""
+    if not world.motion.moves:
+        return 0.0
+    n, longest, ends = len(world.marks), 0.0, []
+    for s in range(len(world.camera_from_world)):
+        ends = [
+            project(
+                world.interior,
+                world.motion.camera_from_rest(world.camera_from_world[np.full(n, s)], np.full(n, time)),
+                world.mark_world_mm,
+            )
+            for time in (-world.motion.exposure_s / 2, world.motion.exposure_s / 2)
+        ]
+        moved = np.linalg.norm(ends[1] - ends[0], axis=1)
+        longest = max(longest, float(np.nan_to_num(moved).max(initial=0)))
+    return longest
 
 
 def _visible_paint(scene: SceneFile, source: str) -> None:

@@ -72,6 +72,19 @@ class ResidualField(_Part):
     seed: int = Field(0, ge=0, description="Another seed gives another field.")
 
 
+class MotionPart(_Part):
+    """A steady motion while the shutter is open."""
+
+    velocity_mm_s: Vector3 = Field((0, 0, 0), description="Linear velocity; camera: x right, y down, z forward.")
+    angular_velocity_deg_s: Vector3 = Field((0, 0, 0), description="Rotation about the axes, right-handed.")
+
+
+class TargetMotionPart(MotionPart):
+    """A steady motion, in the world, of all that carries marks: boards, bars, check targets. The room stands still."""
+
+    about_mm: Vector3 = Field((0, 0, 0), description="The point the rotation goes about.")
+
+
 class CameraPart(_Part):
     """The camera body and its lens, as they truly are. The measuring side is told only the image size."""
 
@@ -105,6 +118,18 @@ class CameraPart(_Part):
         le=5,
         description="Optics' blur: sigma of a Gaussian point spread, before the pixel's own area.",
     )
+    diffraction: bool = Field(
+        False, description="Whether the aperture diffracts light of sensor.wavelength_nm, on top of the optics' blur."
+    )
+    focus_mm: PositiveFloat | None = Field(
+        None, description="Depth of the plane in focus; absent, everything is. focal_length_mm is then the principal "
+        "distance at this focus.",
+    )  # fmt: skip
+    vignetting: Vector3 = Field(
+        (0, 0, 0), description="Coefficients of r^2, r^4, r^6 by which light is weakened, r in half-diagonals."
+    )
+    natural_vignetting: bool = Field(False, description="Fall-off with the fourth power of the field angle's cosine.")
+    motion: MotionPart | None = Field(None, description="How the camera moves during the exposure, in its own frame.")
 
 
 class SensorPart(_Part):
@@ -136,6 +161,11 @@ class ExposurePart(_Part):
     """How long light is gathered."""
 
     time_ms: PositiveFloat = Field(20.0, description="Exposure time.")
+    shutter: Literal["global", "rolling"] = Field("global", description="All rows at once, or one after the other.")
+    row_time_us: float = Field(
+        0, ge=0, description="rolling: time from one row's beginning to the next's; the truth is as it stands in the "
+        "middle of the middle row's exposure.",
+    )  # fmt: skip
 
 
 class ExtensionZone(_Part):
@@ -348,6 +378,9 @@ class RenderPart(_Part):
     cells: int = Field(3, ge=1, le=16, description="fast: cells along each side of a pixel.")
     light_spacing_mm: PositiveFloat = Field(60, description="fast: distance of the points at which light is computed.")
     light_paths: int = Field(4096, ge=16, description="fast: paths for each of these points.")
+    blur_shots: int = Field(
+        64, ge=2, le=4096, description="fast: sharp pictures whose mean makes a defocused or moved one."
+    )
     samples: int = Field(64, ge=1, description="path: samples a pixel.")
 
 
@@ -387,6 +420,9 @@ class SceneFile(_Part):
     )  # fmt: skip
     scale_bars: tuple[ScaleBarPart, ...] = Field((), description="Scale bars.")
     check_targets: tuple[CheckPart, ...] = Field((), description="Targets whose true positions only scoring knows.")
+    target_motion: TargetMotionPart | None = Field(
+        None, description="How all that carries marks moves during the exposure, in the world."
+    )
     stations: tuple[StationPart, ...] = Field(
         min_length=1, description="Where the camera is, one by one or by generators."
     )

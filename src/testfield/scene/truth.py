@@ -11,6 +11,7 @@ from testfield.scene.world import World
 
 RIM_POINTS = 12
 EDGE_MARGIN_PX = 2.0
+ROW_STEPS = 8
 
 
 @dataclass(frozen=True)
@@ -20,7 +21,7 @@ class Views:
     `centre_px` (.., 2) projection of the mark's centre; `disc_px` (.., 2) centre of area of the dot's image, which is
     what a detector sees; `diameter_px` of the circle of equal area; `obliquity_deg` angle between the mark's normal
     and the line of sight; `visible` fraction, from 0 to 1, of the printed area's rim and centre that is in the image,
-    faces the camera and has nothing before it.
+    faces the camera and has nothing before it (as it stands in the middle of the exposure).
     """
 
     centre_px: np.ndarray
@@ -46,10 +47,7 @@ def see(world: World) -> Views:
     rim = centre[:, None, :] + extent[:, None, None] * np.einsum("mij,kj->mki", R[:, :, :2], circle)
     with np.errstate(invalid="ignore", divide="ignore"):
         for s in range(stations):
-            pose = world.camera_from_world[np.full(n, s)]
-            image = disc_image(world.interior, pose, centre, normal, marks.diameter_mm / 2)
-            views.centre_px[s] = project(world.interior, pose, centre)
-            views.disc_px[s], views.diameter_px[s] = image.centroid_px, image.diameter_px
+            views.centre_px[s], views.disc_px[s], views.diameter_px[s] = _images(world, s, centre, normal)
             sight = eyes[s] - centre
             cosine = np.einsum("mi,mi->m", sight, normal) / np.linalg.norm(sight, axis=1)
             views.obliquity_deg[s] = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
@@ -63,6 +61,29 @@ def see(world: World) -> Views:
             seen[candidates[:, 0], candidates[:, 1]] = ~hidden(eyes[s], points, world, marks.panel[candidates[:, 0]])
             views.visible[s] = seen.mean(axis=1)
     return views
+
+
+def _images(world: World, station: int, centre_mm: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Centres (n, 2), discs (n, 2) and diameters (n,) in px of all marks, means over the exposure where things move."""
+    motion, n = world.motion, len(centre_mm)
+    rest = world.camera_from_world[np.full(n, station)]
+    radius = world.marks.diameter_mm / 2
+    if not motion.moves:
+        image = disc_image(world.interior, rest, centre_mm, normal, radius)
+        return project(world.interior, rest, centre_mm), image.centroid_px, image.diameter_px
+    # A row's exposure begins when the shutter comes to it: the time a mark is exposed follows from where it is seen.
+    at_s = np.zeros(n)
+    for _ in range(ROW_STEPS if motion.row_s else 0):
+        row = project(world.interior, motion.camera_from_rest(rest, at_s), centre_mm)[:, 1]
+        at_s = np.nan_to_num((row - (world.interior.height_px - 1) / 2) * motion.row_s)
+    centres, discs, diameters = np.zeros((n, 2)), np.zeros((n, 2)), np.zeros(n)
+    for node, weight in zip(*np.polynomial.legendre.leggauss(3), strict=True):
+        pose = motion.camera_from_rest(rest, at_s + node / 2 * motion.exposure_s)
+        image = disc_image(world.interior, pose, centre_mm, normal, radius)
+        centres += weight / 2 * project(world.interior, pose, centre_mm)
+        discs += weight / 2 * image.centroid_px
+        diameters += weight / 2 * image.diameter_px
+    return centres, discs, diameters
 
 
 def hidden(eye_mm: np.ndarray, points_mm: np.ndarray, world: World, own_panel: np.ndarray) -> np.ndarray:

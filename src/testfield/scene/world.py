@@ -1,10 +1,12 @@
 """The world: every surface, mark, light and station, true to the last digit. Only the truth's side may see it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from testfield.camera.interior import Interior
+from testfield.camera.motion import UNMOVED, Motion
+from testfield.camera.optics import PINHOLE, Optics
 from testfield.camera.pose import Poses
 from testfield.targets.field import Field
 from testfield.targets.marks import RING_OUTER
@@ -19,7 +21,8 @@ class Panels:
     """Flat rectangles, the surfaces of the world: fronts and backs of boards, cards, floor, walls.
 
     `world_from_panel` (n) poses; the panel's frame has its origin in the middle, x right, y up, z out of the side
-    that is seen. `size_mm` (n, 2); `ground_albedo`, `ink_albedo` (n,) diffuse reflectance beside and on the marks.
+    that is seen. `size_mm` (n, 2); `ground_albedo`, `ink_albedo` (n,) diffuse reflectance beside and on the marks;
+    `of_room` (n,) whether it belongs to the room, which stands still where the target moves; absent for none.
     """
 
     name: tuple[str, ...]
@@ -27,6 +30,7 @@ class Panels:
     size_mm: np.ndarray
     ground_albedo: np.ndarray
     ink_albedo: np.ndarray
+    of_room: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))
 
     def __len__(self) -> int:
         return len(self.name)
@@ -72,7 +76,8 @@ class World:
 
     `camera_from_world` (stations) poses, `interior` the true interior orientation, `psf_sigma_px` the optics' blur,
     `ambient_radiance` in W/(m^2 sr) from all around, `field` what the measuring side is told, `field_diagonal_mm` of
-    the declared measuring volume.
+    the declared measuring volume. `optics` depth of field, diffraction, vignetting; `motion` while the shutter is
+    open: the world is as it stands in the middle of the exposure.
     """
 
     name: str
@@ -88,6 +93,8 @@ class World:
     lights: tuple[AreaLight, ...]
     ambient_radiance: float
     field: Field
+    optics: Optics = PINHOLE
+    motion: Motion = UNMOVED
 
     @property
     def mark_world_mm(self) -> np.ndarray:

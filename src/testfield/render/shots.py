@@ -1,0 +1,26 @@
+"""An exposure as a few sharp pictures: points of the aperture and moments of time, the same for every pixel."""
+
+import numpy as np
+
+from testfield.scene.world import World
+
+GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
+
+
+def shots(world: World, count: int) -> np.ndarray:
+    """(k, 3) x and y on the entrance pupil in mm, and time in s from the middle of a row's exposure.
+
+    One row where nothing blurs. The pupil's points are a sunflower's, of equal areas; the times are the middles of
+    equal parts, in another order. To each shot belongs the opposite one, so that blur moves nothing.
+    """
+    if not world.optics.aperture_mm and not world.motion.moves:
+        return np.zeros((1, 3))
+    half = max(1, (count + 1) // 2)
+    k = np.arange(half)
+    radius = np.sqrt((k + 0.5) / half) * world.optics.aperture_mm / 2
+    signed = (k * 0.7548776662466927 + 0.25) % 1 - 0.5
+    part = np.sign(signed + 1e-12) * (np.argsort(np.argsort(np.abs(signed))) + 0.5) / (2 * half)
+    one = np.column_stack(
+        [radius * np.cos(GOLDEN_ANGLE * k), radius * np.sin(GOLDEN_ANGLE * k), part * world.motion.exposure_s]
+    )
+    return np.concatenate([one, -one])
