@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.polynomial import chebyshev
 
+from testfield.render.camera_plugin import opaque_float
 from testfield.render.direct import DirectLight, DirectLookup, compute_direct
 from testfield.render.stage import Stage
 from testfield.render.variant import mitsuba
@@ -20,6 +21,7 @@ from testfield.render.variant import mitsuba
 PATHS_A_PASS = 1 << 21
 SMOOTH_NODES = 33
 MAX_DEPTH = 6
+GOLDEN = 0.6180339887498949
 MOST_DEGREE = 12
 
 
@@ -87,7 +89,7 @@ def compute_irradiance(
     # Every batch has the same size, so that one kernel serves all; the last one wraps round.
     for k in range(batches):
         index = (np.arange(batch) + k * batch) % len(points)
-        samples = _sample(stage, points[index], normals[index], tangents[index], paths, seed + k)
+        samples = _sample(stage, points[index], normals[index], tangents[index], paths, seed, k)
         fresh = min(batch, len(points) - k * batch)
         mean[index[:fresh]] = samples.mean(axis=1, dtype=np.float64)[:fresh]
         variance[index[:fresh]] = samples.var(axis=1, dtype=np.float64)[:fresh] / paths
@@ -106,7 +108,7 @@ def compute_irradiance(
 
 
 def _sample(
-    stage: Stage, points: np.ndarray, normals: np.ndarray, tangents: np.ndarray, paths: int, seed: int
+    stage: Stage, points: np.ndarray, normals: np.ndarray, tangents: np.ndarray, paths: int, seed: int, batch: int
 ) -> np.ndarray:
     """(points, paths) unbiased estimates of indirect irradiance."""
     mi = mitsuba()
@@ -122,9 +124,13 @@ def _sample(
 
     position, normal, tangent = mi.Point3f(at(points)), at(normals), at(tangents)
     sampler = mi.load_dict({"type": "independent"})
-    sampler.seed(seed, count)
-    # A cosine-distributed direction; what comes straight from a lamp is not part of this.
-    local = mi.warp.square_to_cosine_hemisphere(sampler.next_2d())
+    sampler.seed(seed + batch, count)
+    # Cosine-distributed directions on a golden-ratio lattice, the same at all points: what is left of its error changes
+    # little from point to point, and only a gradient moves a centre. Straight light from a lamp is not part of this.
+    path = mi.Float(dr.arange(mi.UInt32, count) % dr.opaque(mi.UInt32, paths))
+    shift = [opaque_float(v) for v in np.random.default_rng(seed).random(2)]
+    square = mi.Point2f((path + 0.5) / dr.opaque(mi.Float, paths) + shift[0], path * GOLDEN + shift[1])
+    local = mi.warp.square_to_cosine_hemisphere(square - dr.floor(square))
     bitangent = dr.cross(normal, tangent)
     ray = mi.RayDifferential3f(mi.Ray3f(position, tangent * local.x + bitangent * local.y + normal * local.z))
     integrator = mi.load_dict({"type": "path", "max_depth": MAX_DEPTH, "rr_depth": 1000})
