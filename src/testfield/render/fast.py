@@ -34,13 +34,13 @@ def render_fast(
 ) -> Radiance:
     """Radiance image of one station, noise-free.
 
-    `cells` along each side of a pixel, more where a narrow point spread needs it; `blur_shots` sharp pictures whose
-    mean a defocused or moved one is; `progress` is told the fraction done since the last call.
+    `cells` along each side of a pixel, more where a narrow point spread needs it; `blur_shots` the most
+    sharp pictures whose mean a defocused or moved one is; `progress` is told the fraction done since the last call.
     """
     world = stage.world
     width, height = world.interior.width_px, world.interior.height_px
-    exposure = shots(world, blur_shots)
-    spread = point_spread(cells if len(exposure) == 1 else 1, world.psf_sigma_px, world.optics.airy_px)
+    exposure = shots(world, station, blur_shots)
+    spread = point_spread(cells, world.psf_sigma_px, world.optics.airy_px, len(exposure))
     cells, margin = spread.cells, spread.margin
     view = _View(stage, light, station)
     columns = (width + 2 * margin) * cells

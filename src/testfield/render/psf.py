@@ -47,13 +47,14 @@ class PointSpread:
         return np.sum(parts, axis=0)[:rows, :columns].astype(np.float32)
 
 
-def point_spread(cells: int, sigma_px: float, airy_px: float) -> PointSpread:
+def point_spread(cells: int, sigma_px: float, airy_px: float, shots: int = 1) -> PointSpread:
     """Weights for a Gaussian of `sigma_px` and diffraction of `airy_px` = wavelength x f-number, either may be 0.
 
-    `cells` is what is asked for; a narrow spread takes more.
+    `cells` is what is asked for; a narrow spread takes more, and `shots` that differ from each other make do with less.
     """
+    cells = int(np.ceil(cells / np.sqrt(shots)))
     if airy_px > 0:
-        cells = max(cells, DIFFRACTION_CELLS, int(np.ceil(2.5 / airy_px)))
+        cells = max(cells, DIFFRACTION_CELLS if shots == 1 else 1, int(np.ceil(2.5 / airy_px)))
         return PointSpread(cells, AIRY_MARGIN_PX, plane=_diffraction_weights(cells, sigma_px, airy_px))
     if sigma_px > 0:
         cells = max(cells, int(np.ceil(1 / sigma_px)))

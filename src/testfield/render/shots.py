@@ -2,20 +2,26 @@
 
 import numpy as np
 
+from testfield.scene.blur import blur_circles_px, streaks_px
 from testfield.scene.world import World
 
+FEWEST = 8
 GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
 
 
-def shots(world: World, count: int) -> np.ndarray:
+def shots(world: World, station: int, most: int) -> np.ndarray:
     """(k, 3) x and y on the entrance pupil in mm, and time in s from the middle of a row's exposure.
 
-    One row where nothing blurs. The pupil's points are a sunflower's, of equal areas; the times are the middles of
-    equal parts, in another order. To each shot belongs the opposite one, so that blur moves nothing.
+    As many as the largest blur of any mark needs, `most` at the utmost; one where nothing blurs. The pupil's points are
+    a sunflower's, of equal areas; the times are the middles of equal parts, in another order. To each shot belongs the
+    opposite one, so that blur moves nothing.
     """
     if not world.optics.aperture_mm and not world.motion.moves:
         return np.zeros((1, 3))
-    half = max(1, (count + 1) // 2)
+    circle, streak = (
+        float(np.nan_to_num(blur(world, station)).max(initial=0)) for blur in (blur_circles_px, streaks_px)
+    )
+    half = max(1, min(most, int(FEWEST + circle**2 + 2 * streak)) // 2)
     k = np.arange(half)
     radius = np.sqrt((k + 0.5) / half) * world.optics.aperture_mm / 2
     signed = (k * 0.7548776662466927 + 0.25) % 1 - 0.5

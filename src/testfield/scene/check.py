@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from testfield.camera.project import directions, project
+from testfield.camera.project import directions
 from testfield.errors import TestfieldError
+from testfield.scene.blur import streaks_px
 from testfield.scene.schema import BoardPart, ScaleBarPart, SceneFile, SurfacePart
 from testfield.scene.truth import Views
 from testfield.scene.world import World
@@ -59,31 +60,13 @@ def _possible_optics(scene: SceneFile, world: World, source: str) -> None:
             "a rolling shutter whose rows take no time is a global one", f"{source}, exposure.row_time_us",
             "give the time a row takes to read, as 10",
         )  # fmt: skip
-    longest = _longest_streak_px(world)
+    stations = range(len(world.camera_from_world))
+    longest = max(float(np.nan_to_num(streaks_px(world, s)).max(initial=0)) for s in stations)
     if longest > LONGEST_STREAK_PX:
         raise TestfieldError(
             f"the motion during the exposure smears targets over {longest:.0f} px",
             f"{source}, exposure.time_ms", "shorten it, or slow the motion down",
         )  # fmt: skip
-
-
-def _longest_streak_px(world: World) -> float:
-    """Length in px that the fastest of all marks seems to move from the first to the last moment of an exposure."""
-    if not world.motion.moves:
-        return 0.0
-    n, longest, ends = len(world.marks), 0.0, []
-    for s in range(len(world.camera_from_world)):
-        ends = [
-            project(
-                world.interior,
-                world.motion.camera_from_rest(world.camera_from_world[np.full(n, s)], np.full(n, time)),
-                world.mark_world_mm,
-            )
-            for time in (-world.motion.exposure_s / 2, world.motion.exposure_s / 2)
-        ]
-        moved = np.linalg.norm(ends[1] - ends[0], axis=1)
-        longest = max(longest, float(np.nan_to_num(moved).max(initial=0)))
-    return longest
 
 
 def _visible_paint(scene: SceneFile, source: str) -> None:

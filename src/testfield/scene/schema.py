@@ -379,7 +379,7 @@ class RenderPart(_Part):
     light_spacing_mm: PositiveFloat = Field(60, description="fast: distance of the points at which light is computed.")
     light_paths: int = Field(4096, ge=16, description="fast: paths for each of these points.")
     blur_shots: int = Field(
-        64, ge=2, le=4096, description="fast: sharp pictures whose mean makes a defocused or moved one."
+        64, ge=2, le=4096, description="fast: the most sharp pictures whose mean makes a defocused or moved one."
     )
     samples: int = Field(64, ge=1, description="path: samples a pixel.")
 
