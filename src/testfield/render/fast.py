@@ -14,6 +14,7 @@ from scipy.special import erf
 from testfield.camera.images import Radiance
 from testfield.render.camera_plugin import CameraRays, opaque_float
 from testfield.render.irradiance import Irradiance, IrradianceLookup
+from testfield.render.mesh_light import MeshLookup
 from testfield.render.stage import Stage
 from testfield.render.variant import mitsuba
 
@@ -40,6 +41,7 @@ def render_fast(
         cells = max(cells, int(np.ceil(1 / world.psf_sigma_px)))
     weights, margin = pixel_weights(cells, world.psf_sigma_px)
     lookup = IrradianceLookup(light)
+    bodies = MeshLookup(world, light.meshes, stage.mesh_numbers) if world.meshes else None
     rays = CameraRays(world.interior, world.camera_from_world, station)
     columns = (width + 2 * margin) * cells
     strip = max(1, CELLS_A_PASS // (columns * cells) - 2 * margin)
@@ -48,7 +50,7 @@ def render_fast(
     values = np.empty((height, width), np.float32)
     for top in range(0, height, strip):
         rows = (strip + 2 * margin) * cells
-        fine = _shade(stage, lookup, rays, rows, columns, cells, top - margin, -margin)
+        fine = _shade(stage, lookup, bodies, rays, rows, columns, cells, top - margin, -margin)
         image = _weigh(fine, weights, cells, strip, width)
         values[top : top + strip] = image[: height - top]
         progress(1 / strips)
@@ -58,6 +60,7 @@ def render_fast(
 def _shade(
     stage: Stage,
     lookup: IrradianceLookup,
+    bodies: MeshLookup | None,
     rays: CameraRays,
     rows: int,
     columns: int,
@@ -99,6 +102,9 @@ def _shade(
     shaded = stage.texture.reflectance(hit, PARTS) * lookup.at(panel, hit.uv) / dr.pi
     emitted = dr.select(shines, emitter.eval(hit, shines)[0], 0)
     radiance = dr.select(faces, shaded, emitted)
+    if bodies is not None:
+        on_mesh, mesh_radiance = bodies.radiance(hit, slope < 0)
+        radiance = dr.select(on_mesh, mesh_radiance, radiance)
     dr.eval(radiance)
     return np.asarray(radiance).reshape(rows, columns)
 
