@@ -28,6 +28,8 @@ MOST_DEGREE = 12
 MESH_PATHS = 0.25
 """Paths for a point on a mesh as a part of those for one on a panel; nothing is measured on a mesh's own shade."""
 
+NO_MESHES = MeshLight.even((), 0)
+
 
 @dataclass(frozen=True)
 class Irradiance:
@@ -40,7 +42,7 @@ class Irradiance:
     shape: np.ndarray
     values: np.ndarray
     direct: DirectLight
-    meshes: MeshLight = MeshLight.even((), 0)
+    meshes: MeshLight = NO_MESHES
 
     def save(self, path: Path) -> None:
         """Write as NPZ."""

@@ -170,7 +170,7 @@ class _Indirect:
 class MeshLookup:
     """Radiance of meshes on the device."""
 
-    def __init__(self, world: World, light: MeshLight, shape_numbers: list[int]):
+    def __init__(self, world: World, light: MeshLight, shape_numbers: tuple[int, ...]):
         """`shape_numbers` Mitsuba's number of every mesh's shape."""
         mi = mitsuba()
         table = np.zeros((3, max(shape_numbers) + 1), np.uint32)  # one plus the first side, faces, whether closed

@@ -22,7 +22,7 @@ def hidden_by_meshes(eye_mm: np.ndarray, points_mm: np.ndarray, meshes: tuple[Tr
 
 
 def heights(mesh: TrueMesh, points_mm: np.ndarray, normals: np.ndarray, reach_mm: float) -> np.ndarray:
-    """(n,) how far a mesh's surface lies above points (n, 3) along unit normals (n, 3); NaN beyond `reach_mm` each way."""
+    """(n,) how far a mesh's surface lies above points (n, 3) along unit normals (n, 3); NaN beyond `reach_mm`."""
     if len(points_mm) == 0:
         return np.zeros(0)
     origin = (points_mm + reach_mm * normals).astype(np.float32)

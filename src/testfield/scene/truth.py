@@ -110,7 +110,7 @@ def _points_seen(world: World, station: int, marks: np.ndarray, places: np.ndarr
 
 
 def hidden(eye_mm: np.ndarray, points_mm: np.ndarray, world: World, own_panel: np.ndarray) -> np.ndarray:
-    """(n,) whether a panel other than the point's own, a lamp or a mesh stands between the eye (3,) and points (n, 3)."""
+    """(n,) whether a panel other than the point's own, a lamp or a mesh hides points (n, 3) from the eye (3,)."""
     lamps = [light.world_from_light for light in world.lights]
     poses = Poses.join([world.panels.world_from_panel, *lamps])
     sizes = np.vstack([world.panels.size_mm, *[light.size_mm for light in world.lights]])
