@@ -71,6 +71,8 @@ class MeshLight:
 
 def compute_mesh_light(world: World, scene: Any, spacing_mm: float, indirect: Estimate) -> MeshLight:
     """Direct and indirect light on all meshes of a world whose Mitsuba scene is `scene`."""
+    if not world.meshes:
+        return MeshLight.even((), 0)
     sides = Sides.of(world.meshes)
     edge = np.linalg.norm(sides.corners_mm - np.roll(sides.corners_mm, 1, axis=1), axis=2).max(axis=1)
     cells = np.clip(2 ** np.ceil(np.log2(np.maximum(edge / spacing_mm, 1))), 1, MOST_CELLS).astype(int)

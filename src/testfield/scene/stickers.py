@@ -112,7 +112,8 @@ def _drawn(
 def _under_all_corners(mesh: TrueMesh, places: np.ndarray, normals: np.ndarray, side_mm: float) -> np.ndarray:
     """(n,) whether the surface is near all four corners of stickers at places (n, 3)."""
     corner = side_mm / 2 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-    frames = np.array([facing(normal) for normal in normals])
+    alike, number = np.unique(normals, axis=0, return_inverse=True)
+    frames = np.array([facing(normal) for normal in alike])[number.reshape(-1)]
     corners = places[:, None] + np.einsum("nij,kj->nki", frames[:, :, :2], corner)
     above = heights(mesh, corners.reshape(-1, 3), np.repeat(normals, 4, axis=0), BULGE * side_mm)
     return np.isfinite(above).reshape(-1, 4).all(axis=1)
