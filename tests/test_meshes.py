@@ -214,15 +214,16 @@ def test_fast_and_path_agree_on_a_ball_and_its_shadow_within_the_noise() -> None
     pixel = pixel_of(world, world.meshes[0])
     board = np.zeros(mean.shape, bool)
     board[20:-20, 25:-25] = True
-    board[ring(pixel, mean.shape, 1.0, 1.15)] = False  # the ball's outline belongs to no surface
     on_ball = ring(pixel, mean.shape, 0.0, 0.85)
-    # The board with the shadow on it, in units of the path tracer's noise; the ball's own shade to a part of itself.
+    # The board with the shadow on it, and the ball's own shade, in units of the path tracer's noise.
     off = board & ~ring(pixel, mean.shape, 0.0, 1.15)
     z = block_means(fast - mean, off) / np.sqrt(block_means(u**2, off) / 64)
     assert len(z) > 300
     assert np.sqrt((z**2).mean()) < 1.35
     assert block_means(fast, off).min() < 0.5 * np.median(block_means(fast, off))  # there is a shadow
-    assert np.abs(fast - mean)[on_ball].mean() < 0.02 * mean[on_ball].mean() + 2 * u[on_ball].mean()
+    z = block_means(fast - mean, on_ball) / np.sqrt(block_means(u**2, on_ball) / 64)
+    assert len(z) > 10
+    assert np.sqrt((z**2).mean()) < 1.6
     # Light that knew nothing of the ball would not pass.
     bare = compute_irradiance(build_stage(replace(world, meshes=())), 40.0, 256, 5, lambda _: None)
     blind = render_fast(stage, replace(bare, meshes=light.meshes), 0, 4).values.astype(float)

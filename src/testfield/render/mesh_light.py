@@ -18,7 +18,7 @@ from testfield.render.variant import mitsuba
 from testfield.scene.world import TrueMesh, World
 
 MOST_CELLS = 64
-FINEST_MM = 5.0
+FINEST_MM = 2.0
 """Nodes are not set closer than this for the sake of a shadow's edge."""
 TOLERANCE = 2e-2
 """Error of interpolation of direct light as a part of the brightest node of all meshes."""
@@ -28,6 +28,8 @@ NEAR = 8
 TURN = 0.4
 """A difference of normals of this length counts as much as a distance of the light's spacing."""
 ABOVE_MM = 0.02
+CLEAR_MM = 3.0
+"""Indirect light is estimated this high above the surface, over stickers: one estimate serves all around it."""
 
 Estimate = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 """Indirect irradiance at points (n, 3) with normals (n, 3) and tangents (n, 3)."""
@@ -156,7 +158,7 @@ class _Indirect:
         tangents = np.cross(normals, helper)
         tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)
         self.tree = cKDTree(self._key(points, normals))
-        self.values = estimate(points, normals, tangents)
+        self.values = estimate(points + CLEAR_MM * normals, normals, tangents)
 
     def _key(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
         return np.column_stack([points / self.spacing_mm, normals / TURN])
