@@ -8,7 +8,7 @@ from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from pathlib import Path
 
-PACKAGES = ("mitsuba", "drjit", "numpy", "scipy", "opencv-python-headless", "pyarrow", "OpenEXR")
+PACKAGES = ("mitsuba", "drjit", "numpy", "scipy", "opencv-python-headless", "pyarrow", "OpenEXR", "trimesh", "embreex")
 ROOT = Path(__file__).parents[1]
 
 

@@ -3,6 +3,7 @@
 import json
 import platform
 import re
+import shutil
 import sys
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,6 +17,7 @@ from testfield.registry import STAGES, names
 from testfield.scene.build import build_world
 from testfield.scene.check import check_scene
 from testfield.scene.load import load_scene, parse_scene
+from testfield.scene.meshes import copy_name, mesh_path
 from testfield.scene.schema import SceneFile
 from testfield.scene.truth import Views, see
 from testfield.scene.world import World
@@ -76,7 +78,7 @@ def begin(scene_path: Path, out: Path | None, seed: int | None, jobs: int) -> tu
     load_scene(scene_path)
     text = scene_path.read_text(encoding="utf-8-sig")
     text = text if seed is None else with_seed(text, seed)
-    scene = parse_scene(text, str(scene_path))
+    scene = parse_scene(text, str(scene_path), scene_path.parent)
     folder = out or Path("renders") / scene.name
     run = Run(folder, scene, str(scene_path), Ledger(folder), jobs)
     check_algorithms(scene, str(scene_path))
@@ -87,6 +89,11 @@ def begin(scene_path: Path, out: Path | None, seed: int | None, jobs: int) -> tu
             leftover.unlink(missing_ok=True)
     with whole(folder / "scene.toml") as path:
         path.write_text(text)
+    for part in scene.meshes:  # so that the folder needs nothing outside it
+        source, copy = mesh_path(part, scene.folder), folder / copy_name(part)
+        if source.resolve() != copy.resolve():
+            with whole(copy) as path:
+                shutil.copyfile(source, path)
     run.ledger.make("field.json", field_key(run.world.field), run.world.field.save)
     run.ledger.note(
         scene=scene.name, seed=scene.seed, command=" ".join(["testfield", *sys.argv[1:]]),

@@ -26,7 +26,7 @@ def render(run: Run) -> Made:
     world, settings = run.world, run.scene.render
     renderers = ("fast", "irradiance", "path", "stage")
     code = code_digest(*[f"testfield.render.{name}" for name in renderers], "testfield.seeds")
-    surroundings = (world.panels, world.marks, world.lights, world.ambient_radiance, world.field.bits)
+    surroundings = (world.panels, world.marks, world.lights, world.ambient_radiance, world.field.bits, world.meshes)
     device = os.environ.get("TESTFIELD_VARIANT", "")
     light_key = digest(code, device, surroundings, settings.light_spacing_mm, settings.light_paths, world.seed)
     fast = settings.mode == "fast"
@@ -189,7 +189,7 @@ def score(run: Run) -> Made:
         name: run.ledger.notes.get("time_s", {}).get(name, 0.0) for name in STAGES if name not in ("score", "report")
     }
     code = code_digest("testfield.score.scorecard", "testfield.scene.build", "testfield.scene.truth")
-    key = digest(code, [file_digest(path) for path in inputs], run.scene.model_dump(), times)
+    key = digest(code, [file_digest(path) for path in inputs], run.scene.model_dump(), run.world.meshes, times)
 
     def write(path: Path) -> None:
         write_scorecard(scorecard(run.world, run.views, *inputs) | {"time_s": times}, path)
@@ -206,7 +206,7 @@ def report(run: Run) -> Made:
     code = code_digest("testfield.report.page", "testfield.scene.build", "testfield.scene.truth")
     certificate = run.folder.parent / "certificate.json"
     ruler = file_digest(certificate) if certificate.is_file() else ""
-    key = digest(code, [file_digest(path) for path in inputs + frames], run.scene.model_dump(), ruler)
+    key = digest(code, [file_digest(path) for path in inputs + frames], run.scene.model_dump(), run.world.meshes, ruler)
 
     def write(path: Path) -> None:
         write_report(run.world, run.views, run.scene, run.folder, run.ledger.notes, path)

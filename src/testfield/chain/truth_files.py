@@ -13,7 +13,9 @@ from testfield.scene.world import ROLES
 
 def write_truth(run: Run) -> None:
     """Write the truth of a run, unless it is there."""
-    key = digest(code_digest("testfield.scene.build", "testfield.scene.truth"), run.scene.model_dump())
+    key = digest(
+        code_digest("testfield.scene.build", "testfield.scene.truth"), run.scene.model_dump(), run.world.meshes
+    )
     run.ledger.make("truth/marks.parquet", key, lambda path: _marks(run, path))
     run.ledger.make("truth/views.parquet", key, lambda path: _views(run, path))
     run.ledger.make("truth/camera.json", key, lambda path: _camera(run, path))
@@ -47,7 +49,9 @@ def _views(run: Run, path: Path) -> None:
         "station": np.array(run.stations, dtype=object)[station], "mark": mark, "visible": views.visible[at],
         "centre_x_px": views.centre_px[at][:, 0], "centre_y_px": views.centre_px[at][:, 1],
         "disc_x_px": views.disc_px[at][:, 0], "disc_y_px": views.disc_px[at][:, 1],
-        "diameter_px": views.diameter_px[at], "obliquity_deg": views.obliquity_deg[at],
+        "diameter_px": views.diameter_px[at], "semi_major_px": views.semi_axes_px[at][:, 0],
+        "semi_minor_px": views.semi_axes_px[at][:, 1], "angle_deg": views.angle_deg[at],
+        "obliquity_deg": views.obliquity_deg[at],
     }  # fmt: skip
     pq.write_table(pa.table(columns), path)
 

@@ -16,6 +16,8 @@ def add(commands: Any) -> None:
 
 def act(args: argparse.Namespace) -> int:
     """Say what is wrong, or what the scene holds."""
+    import numpy as np
+
     from testfield.chain.files import Ledger
     from testfield.chain.run import Run, check_algorithms
     from testfield.cli.show import show_warnings
@@ -32,6 +34,10 @@ def act(args: argparse.Namespace) -> int:
     count = {role: int((marks.role == role).sum()) for role in (BOARD, CHECK, BAR)}
     print(f"  {len(world.field.boards)} boards with {count[BOARD]} marks, {count[CHECK]} check targets, ", end="")
     print(f"{len(world.field.scale_bars)} scale bars ({count[BAR]} ends)")
+    for mesh in world.meshes:
+        size = " x ".join(f"{edge:.0f}" for edge in np.ptp(mesh.vertices_mm, axis=0))
+        kind = "closed" if mesh.closed else "open, seen from both sides"
+        print(f"  mesh '{mesh.name}': {len(mesh.faces)} faces, {size} mm, {kind}")
     sizes = run.views.diameter_px[seen]
     print(f"  {len(world.station_name)} stations; {seen.sum()} full views of marks, ", end="")
     print(f"{sizes.min():.1f} to {sizes.max():.1f} px wide")

@@ -99,15 +99,18 @@ def _interpolation_error(coarse: np.ndarray, fine: np.ndarray) -> float:
 
 
 def direct_irradiance(
-    world: World, scene: Any, points_mm: np.ndarray, normals: np.ndarray, own_panel: np.ndarray
+    world: World, scene: Any, points_mm: np.ndarray, normals: np.ndarray, own_panel: np.ndarray, rays: int = LATTICE
 ) -> np.ndarray:
-    """(n,) irradiance in W/m^2 that reaches points (n, 3) with normals (n, 3) on their panels (n,) from all lamps."""
+    """(n,) irradiance in W/m^2 that reaches points (n, 3) with normals (n, 3) on their panels (n,) from all lamps.
+
+    A point on a mesh has panel -1. `rays`, a Fibonacci number, go to each lamp that may be hidden.
+    """
     total = np.zeros(len(points_mm))
     for light in world.lights:
         full = _unhidden(light, points_mm, normals)
         doubtful = np.flatnonzero((full > 0) & _may_be_hidden(world, light, points_mm, own_panel))
         if len(doubtful):
-            full[doubtful] *= _visible_part(light, scene, points_mm[doubtful], normals[doubtful])
+            full[doubtful] *= _visible_part(light, scene, points_mm[doubtful], normals[doubtful], rays)
         total += full
     return total
 
@@ -132,44 +135,50 @@ def _geometry(place: np.ndarray, facing: np.ndarray, points_mm: np.ndarray, norm
 
 
 def _may_be_hidden(world: World, light: AreaLight, points_mm: np.ndarray, own_panel: np.ndarray) -> np.ndarray:
-    """(n,) whether any other panel's bounding sphere touches the cone from a point to the lamp's bounding sphere."""
+    """(n,) whether the bounding sphere of any other panel, or of a mesh, touches the cone from a point to the lamp's
+    bounding sphere."""
     centre = light.world_from_light.t_mm[0]
     radius = np.hypot(*light.size_mm) / 2
     axis = centre - points_mm
     distance = np.linalg.norm(axis, axis=1)
     axis = axis / distance[:, None]
     doubtful = np.zeros(len(points_mm), bool)
+
+    def in_the_way(middle: np.ndarray, reach: float) -> np.ndarray:
+        to = middle - points_mm
+        along = (to * axis).sum(axis=1)
+        aside = np.linalg.norm(to - along[:, None] * axis, axis=1)
+        within = (along > -reach) & (along < distance + reach)
+        return within & (aside < reach + radius * np.clip((along + reach) / distance, 0, 1))
+
     for k, size in enumerate(world.panels.size_mm):
         R, t = world.panels.world_from_panel.R[k], world.panels.world_from_panel.t_mm[k]
         if np.all((centre - t) @ R[:, 2] > radius) and np.all((points_mm - t) @ R[:, 2] >= -1e-6):
             continue  # lamp and points all lie before this wall
-        to = t - points_mm
-        along = (to * axis).sum(axis=1)
-        aside = np.linalg.norm(to - along[:, None] * axis, axis=1)
-        reach = np.hypot(*size) / 2
-        within = (along > -reach) & (along < distance + reach)
-        doubtful |= within & (aside < reach + radius * np.clip((along + reach) / distance, 0, 1)) & (own_panel != k)
+        doubtful |= in_the_way(t, np.hypot(*size) / 2) & (own_panel != k)
+    for mesh in world.meshes:
+        doubtful |= in_the_way(*mesh.sphere)
     return doubtful
 
 
-def _visible_part(light: AreaLight, scene: Any, points_mm: np.ndarray, normals: np.ndarray) -> np.ndarray:
-    """(n,) part of a lamp's light that is not hidden, by rays to a lattice on the lamp."""
+def _visible_part(light: AreaLight, scene: Any, points_mm: np.ndarray, normals: np.ndarray, rays: int) -> np.ndarray:
+    """(n,) part of a lamp's light that is not hidden, by `rays` to a lattice on the lamp."""
     mi = mitsuba()
     import drjit as dr
 
-    k = np.arange(LATTICE)
-    lattice = np.column_stack([(k + 0.5) / LATTICE, (k * 0.6180339887498949) % 1]) - 0.5
+    k = np.arange(rays)
+    lattice = np.column_stack([(k + 0.5) / rays, (k * 0.6180339887498949) % 1]) - 0.5
     R, t = light.world_from_light.R[0], light.world_from_light.t_mm[0]
     places = (t + (lattice * light.size_mm) @ R[:, :2].T).astype(np.float32)
     device = [mi.Float(np.ascontiguousarray(places[:, i])) for i in range(3)]
     facing = mi.Vector3f(*R[:, 2].tolist())
-    batch = max(1, RAYS_A_PASS // LATTICE)
+    batch = max(1, RAYS_A_PASS // rays)
     part = np.empty(len(points_mm))
     for start in range(0, len(points_mm), batch):
         # Every batch has the same size, so that one kernel serves all; the last one wraps round.
         index = (np.arange(batch) + start) % len(points_mm)
-        ray = dr.arange(mi.UInt32, batch * LATTICE)
-        point, sample = ray // LATTICE, ray % LATTICE
+        ray = dr.arange(mi.UInt32, batch * rays)
+        point, sample = ray // rays, ray % rays
 
         def gather(values: np.ndarray, at: Any) -> Any:
             return mi.Vector3f(
@@ -183,7 +192,7 @@ def _visible_part(light: AreaLight, scene: Any, points_mm: np.ndarray, normals: 
         shadow = mi.Ray3f(mi.Point3f(origin), to * dr.rsqrt(d2), dr.sqrt(d2) * (1 - 1e-4), 0.0, mi.Color0f())
         lit = dr.select(scene.ray_test(shadow, weight > 0), 0, weight)
         dr.eval(lit, weight)
-        lit_sum, all_sum = (np.asarray(v).reshape(batch, LATTICE).sum(axis=1, dtype=np.float64) for v in (lit, weight))
+        lit_sum, all_sum = (np.asarray(v).reshape(batch, rays).sum(axis=1, dtype=np.float64) for v in (lit, weight))
         fresh = min(batch, len(points_mm) - start)
         part[start : start + fresh] = (lit_sum / np.maximum(all_sum, 1e-300))[:fresh]
     return part

@@ -14,6 +14,7 @@ import numpy as np
 from testfield.camera.images import Radiance
 from testfield.render.camera_plugin import CameraRays, DeviceTwist, Rays, Vignetting, opaque_float, vignettes
 from testfield.render.irradiance import Irradiance, IrradianceLookup
+from testfield.render.mesh_light import MeshLookup
 from testfield.render.psf import point_spread
 from testfield.render.shots import shots
 from testfield.render.stage import Stage
@@ -61,6 +62,7 @@ class _View:
     def __init__(self, stage: Stage, light: Irradiance, station: int):
         self.stage = stage
         self.lookup = IrradianceLookup(light)
+        self.bodies = MeshLookup(stage.world, light.meshes, stage.mesh_numbers) if stage.world.meshes else None
         self.rays = CameraRays(stage.world, station)
         self.vignetting = Vignetting(stage.world) if vignettes(stage.world) else None
         self.target = DeviceTwist(stage.world.motion.target) if stage.world.motion.target.moves else None
@@ -113,7 +115,11 @@ class _View:
         panel = stage.texture.panel(hit)
         shaded = stage.texture.reflectance(hit, PARTS) * self.lookup.at(panel, hit.uv) / dr.pi
         emitted = dr.select(shines, emitter.eval(hit, shines)[0], 0)
-        return dr.select(faces, shaded, emitted)
+        radiance = dr.select(faces, shaded, emitted)
+        if self.bodies is not None:
+            on_mesh, mesh_radiance = self.bodies.radiance(hit, slope < 0)
+            radiance = dr.select(on_mesh, mesh_radiance, radiance)
+        return radiance
 
     def _hit(self, rays: Rays) -> tuple[Any, Rays]:
         """What the rays meet first, and the rays in the frame in which that rests."""

@@ -15,47 +15,59 @@ from numpy.polynomial import chebyshev
 
 from testfield.render.camera_plugin import opaque_float
 from testfield.render.direct import DirectLight, DirectLookup, compute_direct
+from testfield.render.mesh_light import MeshLight, compute_mesh_light
 from testfield.render.stage import Stage
 from testfield.render.variant import mitsuba
+from testfield.scene.world import TrueMesh
 
 PATHS_A_PASS = 1 << 21
+MESH_SEEDS = 1 << 20
+"""Batches on meshes take seeds from here on, so that none is used twice."""
 SMOOTH_NODES = 33
 MAX_DEPTH = 6
 GOLDEN = 0.6180339887498949
 MOST_DEGREE = 12
+MESH_PATHS = 0.25
+"""Paths for a point on a mesh as a part of those for one on a panel; nothing is measured on a mesh's own shade."""
+
+NO_MESHES = MeshLight.even((), 0)
 
 
 @dataclass(frozen=True)
 class Irradiance:
     """Irradiance on all panels in W/m^2: indirect at nodes that span each panel edge to edge, and direct in tiles.
 
-    `shape` (panels, 2) rows and columns of the indirect nodes; `values` all grids one after the other, float32.
+    `shape` (panels, 2) rows and columns of the indirect nodes; `values` all grids one after the other, float32;
+    `meshes` that on meshes.
     """
 
     shape: np.ndarray
     values: np.ndarray
     direct: DirectLight
+    meshes: MeshLight = NO_MESHES
 
     def save(self, path: Path) -> None:
         """Write as NPZ."""
-        d = self.direct
+        d, m = self.direct, self.meshes
         with path.open("wb") as file:
             np.savez(
-                file, shape=self.shape, values=self.values, tile_shape=d.tile_shape, nodes=d.nodes, direct=d.values
-            )
+                file, shape=self.shape, values=self.values, tile_shape=d.tile_shape, nodes=d.nodes, direct=d.values,
+                mesh_cells=m.cells, meshes=m.values,
+            )  # fmt: skip
 
     @staticmethod
     def load(path: Path) -> "Irradiance":
         """Read what `save` wrote."""
         with np.load(path) as data:
             direct = DirectLight(data["tile_shape"], data["nodes"], data["direct"])
-            return Irradiance(data["shape"], data["values"], direct)
+            return Irradiance(data["shape"], data["values"], direct, MeshLight(data["mesh_cells"], data["meshes"]))
 
     @staticmethod
-    def even(panels: int, value: float) -> "Irradiance":
-        """The same irradiance everywhere on some panels."""
+    def even(panels: int, value: float, meshes: tuple[TrueMesh, ...] = ()) -> "Irradiance":
+        """The same irradiance everywhere on some panels and meshes."""
         nothing = DirectLight(np.ones((panels, 2), int), np.full(panels, 2), np.zeros(4 * panels, np.float32))
-        return Irradiance(np.full((panels, 2), 2), np.full(4 * panels, value, np.float32), nothing)
+        values = np.full(4 * panels, value, np.float32)
+        return Irradiance(np.full((panels, 2), 2), values, nothing, MeshLight.even(meshes, value))
 
 
 def grid_shape(size_mm: np.ndarray, spacing_mm: float) -> np.ndarray:
@@ -82,7 +94,36 @@ def compute_irradiance(
         normal.append(np.broadcast_to(rotation[:, 2], (u.size, 3)))
         tangent.append(np.broadcast_to(rotation[:, 0], (u.size, 3)))
     points, normals, tangents = (np.concatenate(part) for part in (position, normal, tangent))
+    mean, variance = _estimate(stage, points, normals, tangents, paths, seed, progress)
 
+    grids, start = [], 0
+    for rows, columns in shapes:
+        part = slice(start, start + rows * columns)
+        start += rows * columns
+        grids.append(_nodes(mean[part].reshape(rows, columns), variance[part].reshape(rows, columns)))
+
+    def on_meshes(points: np.ndarray, normals: np.ndarray, tangents: np.ndarray) -> np.ndarray:
+        fewer = max(16, int(paths * MESH_PATHS))
+        return _estimate(stage, points, normals, tangents, fewer, seed + MESH_SEEDS, lambda _: None)[0]
+
+    return Irradiance(
+        np.array([grid.shape for grid in grids]),
+        np.concatenate([grid.ravel() for grid in grids]).astype(np.float32),
+        compute_direct(world, stage.scene),
+        compute_mesh_light(world, stage.scene, spacing_mm, on_meshes),
+    )
+
+
+def _estimate(
+    stage: Stage,
+    points: np.ndarray,
+    normals: np.ndarray,
+    tangents: np.ndarray,
+    paths: int,
+    seed: int,
+    progress: Callable[[float], None],
+) -> tuple[np.ndarray, np.ndarray]:
+    """(n,) means of `paths` unbiased estimates of indirect irradiance at points (n, 3), and the means' variances."""
     mean, variance = np.empty(len(points)), np.empty(len(points))
     batch = max(1, PATHS_A_PASS // paths)
     batches = -(-len(points) // batch)
@@ -94,17 +135,7 @@ def compute_irradiance(
         mean[index[:fresh]] = samples.mean(axis=1, dtype=np.float64)[:fresh]
         variance[index[:fresh]] = samples.var(axis=1, dtype=np.float64)[:fresh] / paths
         progress(1 / batches)
-
-    grids, start = [], 0
-    for rows, columns in shapes:
-        part = slice(start, start + rows * columns)
-        start += rows * columns
-        grids.append(_nodes(mean[part].reshape(rows, columns), variance[part].reshape(rows, columns)))
-    return Irradiance(
-        np.array([grid.shape for grid in grids]),
-        np.concatenate([grid.ravel() for grid in grids]).astype(np.float32),
-        compute_direct(world, stage.scene),
-    )
+    return mean, variance
 
 
 def _sample(

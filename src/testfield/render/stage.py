@@ -8,17 +8,19 @@ import numpy as np
 from testfield.camera.pose import Poses
 from testfield.render.pattern import PatternTables, pattern_texture_class
 from testfield.render.variant import mitsuba
-from testfield.scene.world import World
+from testfield.scene.world import TrueMesh, World
 
 
 @dataclass(frozen=True)
 class Stage:
-    """`scene` the Mitsuba scene; `texture` the pattern all panels share, which also tells a hit's panel; `still` and
-    `moving` the same scene in two parts where the target moves during the exposure."""
+    """`scene` the Mitsuba scene; `texture` the pattern all panels share, which also tells a hit's panel; `mesh_numbers`
+    Dr.Jit's numbers of the meshes' shapes; `still` and `moving` the same scene in two parts where the target moves
+    during the exposure."""
 
     world: World
     scene: Any
     texture: Any
+    mesh_numbers: tuple[int, ...] = ()
     still: Any = None
     moving: Any = None
 
@@ -50,6 +52,8 @@ def build_stage(world: World) -> Stage:
             "type": "constant",
             "radiance": {"type": "uniform", "value": world.ambient_radiance},
         }
+    for k, mesh in enumerate(world.meshes):
+        parts[f"mesh{k:05d}"] = _mesh(mesh)
     # optimize=True would merge all panels into one shape, and a hit could no longer tell its panel.
     scene = mi.load_dict(parts, optimize=False)
 
@@ -64,18 +68,33 @@ def build_stage(world: World) -> Stage:
         table[numbers[f"panel{k:05d}"]] = k
     texture.panel_of_shape = mi.UInt32(table)
     texture.tables = PatternTables(world.panels, world.marks, world.field.bits)
+    bodies = tuple(numbers[f"mesh{k:05d}"] for k in range(len(world.meshes)))
     if not world.motion.target.moves:
-        return Stage(world, scene, texture)
-    rests = {f"panel{k:05d}" for k in np.flatnonzero(world.panels.of_room)}
+        return Stage(world, scene, texture, bodies)
+    # Lamps and the room's surfaces stand still; all else carries marks, or moves with what does.
+    room = {f"panel{k:05d}" for k in np.flatnonzero(world.panels.of_room)}
     groups: dict[bool, dict[str, Any]] = {True: {}, False: {}}
     for shape in scene.shapes():
-        moves = shape.id().startswith("panel") and shape.id() not in rests
-        groups[moves][shape.id()] = shape
+        groups[not shape.is_emitter() and shape.id() not in room][shape.id()] = shape
     emitters = {"ambient": parts["ambient"]} if "ambient" in parts else {}
     still, moving = (
         mi.load_dict({"type": "scene", **shapes}, optimize=False) for shapes in (groups[False] | emitters, groups[True])
     )
-    return Stage(world, scene, texture, still, moving)
+    return Stage(world, scene, texture, bodies, still, moving)
+
+
+def _mesh(mesh: TrueMesh) -> Any:
+    """A mesh of flat faces; one that is not closed is seen from both sides."""
+    mi = mitsuba()
+    matt = {"type": "diffuse", "reflectance": {"type": "uniform", "value": mesh.albedo}}
+    properties = mi.Properties()
+    properties["bsdf"] = mi.load_dict(matt if mesh.closed else {"type": "twosided", "bsdf": matt})
+    shape = mi.Mesh(mesh.name, len(mesh.vertices_mm), len(mesh.faces), props=properties)
+    data = mi.traverse(shape)
+    data["vertex_positions"] = mi.Float(mesh.vertices_mm.astype(np.float32).ravel())
+    data["faces"] = mi.UInt32(mesh.faces.astype(np.uint32).ravel())
+    data.update()
+    return shape
 
 
 def _to_world(poses: Poses, index: int, size_mm: np.ndarray) -> Any:

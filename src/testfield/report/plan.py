@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+from scipy.spatial import ConvexHull
 
 from testfield.camera.project import directions
 from testfield.report.style import ACCENT, FAINT, INK, WARM
@@ -26,6 +27,11 @@ def draw_field(axes: Any, world: World, plane: tuple[int, int], stations: bool) 
         outline = (corner @ R[:, :2].T + t)[:, plane] / 1000
         room = f"{name} (back)" not in backs
         axes.plot(*outline.T, color=FAINT if room else INK, lw=0.7 if room else 1.0, zorder=1 if room else 3)
+    for mesh in world.meshes:
+        flat = mesh.vertices_mm[:, plane] / 1000
+        if np.linalg.matrix_rank(flat - flat[0], tol=1e-6) == 2:  # a flat mesh may be seen edge-on
+            outline = flat[ConvexHull(flat).vertices]
+            axes.fill(*outline.T, facecolor="none", edgecolor=FAINT, lw=1.0, zorder=2)
     boards = {sheet.name: t for sheet, t in zip(world.field.boards, world.world_from_board.t_mm, strict=True)}
     for name, t in boards.items():
         axes.annotate(name, t[list(plane)] / 1000, color=INK, weight="bold", ha="center", va="center", zorder=6)

@@ -10,6 +10,7 @@ from testfield.camera.pose import Poses
 from testfield.errors import TestfieldError
 from testfield.scene import generators
 from testfield.scene.frames import along, facing
+from testfield.scene.meshes import load_meshes
 from testfield.scene.schema import (
     BoardPart,
     CheckOnBoard,
@@ -19,6 +20,7 @@ from testfield.scene.schema import (
     SceneFile,
     TargetMotionPart,
 )
+from testfield.scene.stickers import stickers
 from testfield.scene.world import BAR, BOARD, CHECK, AreaLight, Panels, TrueMarks, World
 from testfield.seeds import generator
 from testfield.targets.field import Field, NominalBoard, ScaleBar
@@ -47,6 +49,12 @@ class _Assembly:
         behind = np.column_stack([-R[:, 0], R[:, 1], -R[:, 2]])
         self.panels.append((f"{name} (back)", behind, t - thickness * R[:, 2], size, self.back, self.back))
         return len(self.panels) - 2
+
+    def sticker(self, name: str, R: np.ndarray, t: np.ndarray, size: tuple) -> int:
+        """A printed front alone; returns its index."""
+        ground, ink = (self.black, self.white) if self.white_on_black else (self.white, self.black)
+        self.panels.append((name, R, t, size, ground, ink))
+        return len(self.panels) - 1
 
     def mark(
         self,
@@ -120,6 +128,11 @@ def build_world(scene: SceneFile) -> World:
         side = CARD_MARGIN * diameter
         panel = parts.panel(f"check {code}", facing(normal), position, (side, side), CARD_THICKNESS_MM)
         parts.mark(panel, np.zeros(2), diameter, code, CHECK)
+    meshes = load_meshes(scene)
+    for code, position, normal, diameter in stickers(scene.check_targets, seed, meshes, CARD_MARGIN):
+        side = CARD_MARGIN * diameter
+        panel = parts.sticker(f"check {code}", facing(normal), position, (side, side))
+        parts.mark(panel, np.zeros(2), diameter, code, CHECK)
     loose |= {code: d for _, _, d, code, role, _, _ in parts.marks if role == CHECK}
 
     carried = len(parts.panels)
@@ -159,7 +172,7 @@ def build_world(scene: SceneFile) -> World:
     return World(
         scene.name, seed, float(np.linalg.norm(scene.volume.size_mm)), _panels(parts, carried), _marks(parts),
         Poses(np.array(board_R), np.array(board_t)), tuple(names), Poses(station_R, station_t), true_interior(scene),
-        scene.camera.psf_sigma_px, lights, scene.room.ambient_w_m2_sr, field,
+        scene.camera.psf_sigma_px, lights, scene.room.ambient_w_m2_sr, field, meshes,
         true_optics(scene), true_motion(scene),
     )  # fmt: skip
 

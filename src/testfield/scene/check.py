@@ -5,7 +5,8 @@ import numpy as np
 from testfield.camera.project import directions
 from testfield.errors import TestfieldError
 from testfield.scene.blur import streaks_px
-from testfield.scene.schema import BoardPart, ScaleBarPart, SceneFile, SurfacePart
+from testfield.scene.meshes import inside
+from testfield.scene.schema import BoardPart, MeshPart, ScaleBarPart, SceneFile, SurfacePart
 from testfield.scene.truth import Views
 from testfield.scene.world import World
 from testfield.targets.marks import QUIET
@@ -78,10 +79,11 @@ def _visible_paint(scene: SceneFile, source: str) -> None:
 
 
 def _unique_names(scene: SceneFile, source: str) -> None:
-    groups: dict[str, tuple[BoardPart | ScaleBarPart | SurfacePart, ...]] = {
+    groups: dict[str, tuple[BoardPart | ScaleBarPart | SurfacePart | MeshPart, ...]] = {
         "boards": scene.boards,
         "scale_bars": scene.scale_bars,
         "room.surfaces": scene.room.surfaces,
+        "meshes": scene.meshes,
     }
     owners: dict[str, str] = {}
     for label, parts in groups.items():
@@ -145,8 +147,9 @@ def _marks_fit(scene: SceneFile, world: World, source: str) -> None:
 def _stations_stand_free(world: World, source: str) -> None:
     eyes = world.camera_from_world.origin_mm
     pairs = {name.removesuffix(" (back)"): k for k, name in enumerate(world.panels.name) if name.endswith(" (back)")}
+    stickers = set(world.marks.panel) - {k - 1 for k in pairs.values()}
     for k, name in enumerate(world.panels.name):
-        if name.endswith(" (back)"):
+        if name.endswith(" (back)") or k in stickers:
             continue
         local = (eyes - world.panels.world_from_panel.t_mm[k]) @ world.panels.world_from_panel.R[k]
         over = np.all(np.abs(local[:, :2]) <= world.panels.size_mm[k] / 2, axis=1)
@@ -162,6 +165,16 @@ def _stations_stand_free(world: World, source: str) -> None:
                 f"the camera at ({where}) mm is inside or behind '{name}'",
                 f"{source}, station '{world.station_name[s]}'",
                 "move position_mm to the side that is seen",
+            )  # fmt: skip
+    for mesh in world.meshes:
+        within = inside(mesh, eyes)
+        if within.any():
+            s = int(np.argmax(within))
+            where = ", ".join(str(round(v)) for v in eyes[s])
+            raise TestfieldError(
+                f"the camera at ({where}) mm is inside the mesh '{mesh.name}'",
+                f"{source}, station '{world.station_name[s]}'",
+                "move position_mm out of it",
             )  # fmt: skip
 
 

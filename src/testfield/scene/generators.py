@@ -7,6 +7,7 @@ from testfield.scene.frames import camera_looking, unit
 from testfield.scene.schema import (
     CheckGrid,
     CheckOnBoard,
+    CheckOnMesh,
     CheckPart,
     CheckRandom,
     StationArc,
@@ -79,7 +80,7 @@ def check_cards(
     """
     cards: list[tuple[int, np.ndarray, np.ndarray, float]] = []
     for number, part in enumerate(parts):
-        if isinstance(part, CheckOnBoard):
+        if isinstance(part, (CheckOnBoard, CheckOnMesh)):
             continue
         if isinstance(part, CheckRandom):
             positions, normals = _random_places(part, number, seed, clear_of)

@@ -31,11 +31,11 @@ def load_scene(path: Path) -> SceneFile:
         raise TestfieldError("this is not a text file", str(path), "a scene is a TOML file") from error
     except OSError as error:
         raise TestfieldError(f"cannot be read ({error.strerror})", str(path)) from error
-    return parse_scene(text, str(path))
+    return parse_scene(text, str(path), path.parent)
 
 
-def parse_scene(text: str, source: str) -> SceneFile:
-    """The scene in a TOML text; `source` is what messages call it."""
+def parse_scene(text: str, source: str, folder: Path = Path()) -> SceneFile:
+    """The scene in a TOML text; `source` is what messages call it, `folder` where the files it names are."""
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -46,7 +46,7 @@ def parse_scene(text: str, source: str) -> SceneFile:
             if isinstance(item, dict):
                 item.setdefault("generator", "single")
     try:
-        return SceneFile.model_validate(data)
+        return SceneFile.model_validate(data).in_folder(folder)
     except ValidationError as error:
         raise _speak(error, source) from error
 
@@ -83,7 +83,9 @@ def _place(location: tuple) -> str:
     for key, before in zip(location, (None, *location), strict=False):
         if isinstance(key, int):
             text += f"[{key}]"
-        elif not (isinstance(before, int) and key in ("single", "arc", "ring", "grid", "random", "on_board")):
+        elif not (
+            isinstance(before, int) and key in ("single", "arc", "ring", "grid", "random", "on_board", "on_mesh")
+        ):
             text += f".{key}" if text else str(key)
     return text
 

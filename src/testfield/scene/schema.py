@@ -1,9 +1,19 @@
 """The scene file: every field a person can write, with its unit, its default and what it means."""
 
 import re
+from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PositiveFloat, PositiveInt, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    PositiveFloat,
+    PositiveInt,
+    PrivateAttr,
+    model_validator,
+)
 
 Vector3 = tuple[float, float, float]
 Pair = tuple[float, float]
@@ -275,7 +285,32 @@ class CheckRandom(_Box):
     seed: int = Field(0, ge=0, description="Another seed gives another arrangement.")
 
 
-CheckPart = Annotated[CheckSingle | CheckOnBoard | CheckGrid | CheckRandom, Field(discriminator="generator")]
+class CheckOnMesh(_Part):
+    """Check targets stuck on a mesh: flat stickers that touch its surface."""
+
+    generator: Literal["on_mesh"]
+    mesh: str = Field(description="The mesh's name.")
+    first_code: PositiveInt = Field(description="Number of the first.")
+    points_mm: tuple[Vector3, ...] | None = Field(
+        None, min_length=1, description="Points in the world; each target sits where the surface is nearest to one."
+    )
+    count: Count | None = Field(None, description="How many at random places of the surface, instead of points_mm.")
+    spacing_mm: float = Field(0, ge=0, description="Least distance between any two random places.")
+    facing: Direction | None = Field(None, description="Random places only where the surface faces this direction.")
+    within_deg: float = Field(60, gt=0, le=180, description="Angle between the surface's normal and `facing`, at most.")
+    diameter_mm: PositiveFloat = Field(20, description="Diameter of the central dots.")
+    seed: int = Field(0, ge=0, description="Another seed gives another arrangement.")
+
+    @model_validator(mode="after")
+    def _one_of_two(self) -> "CheckOnMesh":
+        if (self.points_mm is None) == (self.count is None):
+            raise ValueError("give either points_mm or count")
+        return self
+
+
+CheckPart = Annotated[
+    CheckSingle | CheckOnBoard | CheckGrid | CheckRandom | CheckOnMesh, Field(discriminator="generator")
+]
 
 
 class _Aimed(_Part):
@@ -360,6 +395,19 @@ class RoomPart(_Part):
     ambient_w_m2_sr: float = Field(0.5, ge=0, description="Radiance that comes from every direction no surface hides.")
 
 
+class MeshPart(_Part):
+    """A body of any shape, matt and of one colour, from a mesh file."""
+
+    name: Name = Field(description="Unique name.")
+    file: str = Field(min_length=1, description="STL, OBJ, PLY or GLB file, relative to the scene file.")
+    unit: Literal["um", "mm", "cm", "m", "in", "ft"] = Field("mm", description="Unit of the file's coordinates.")
+    position_mm: Vector3 = Field((0, 0, 0), description="Where the origin of the file's coordinates is.")
+    rotation_deg: Vector3 = Field(
+        (0, 0, 0), description="Turns about the world's x axis, then its y axis, then its z axis, before it is placed."
+    )
+    albedo: float = Field(0.5, ge=0, le=0.95, description="Diffuse reflectance.")
+
+
 class PaintPart(_Part):
     """Reflectance of boards, cards and bars."""
 
@@ -419,6 +467,7 @@ class SceneFile(_Part):
         "the true scale differs by a draw from it.",
     )  # fmt: skip
     scale_bars: tuple[ScaleBarPart, ...] = Field((), description="Scale bars.")
+    meshes: tuple[MeshPart, ...] = Field((), description="Bodies from mesh files, in the way or to carry targets.")
     check_targets: tuple[CheckPart, ...] = Field((), description="Targets whose true positions only scoring knows.")
     target_motion: TargetMotionPart | None = Field(
         None, description="How all that carries marks moves during the exposure, in the world."
@@ -428,3 +477,17 @@ class SceneFile(_Part):
     )
     render: RenderPart = RenderPart()
     measure: MeasurePart = MeasurePart()
+
+    _folder: Path = PrivateAttr(default=Path())
+    """Where the scene file lies: files it names are relative to it. Not a field, so the scene is the same anywhere."""
+
+    @property
+    def folder(self) -> Path:
+        """The folder that files named in the scene are relative to."""
+        return self._folder
+
+    def in_folder(self, folder: Path) -> "SceneFile":
+        """The same scene with its files in another folder."""
+        moved = self.model_copy()
+        moved._folder = folder
+        return moved

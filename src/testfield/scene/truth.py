@@ -1,15 +1,18 @@
 """What each station truly sees of each mark: where, how large, how oblique, and how much of it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from testfield.camera.circle import disc_image
 from testfield.camera.pose import Poses
 from testfield.camera.project import project
+from testfield.scene.sight import hidden_by_meshes
 from testfield.scene.world import World
 
 RIM_POINTS = 12
+AREA_POINTS, FINE_AREA_POINTS = 48, 1024
+"""Points of equal shares of the printed area: to notice that some of it is hidden, and to say how much."""
 EDGE_MARGIN_PX = 2.0
 ROW_STEPS = 8
 
@@ -20,8 +23,11 @@ class Views:
 
     `centre_px` (.., 2) projection of the mark's centre; `disc_px` (.., 2) centre of area of the dot's image, which is
     what a detector sees; `diameter_px` of the circle of equal area; `obliquity_deg` angle between the mark's normal
-    and the line of sight; `visible` fraction, from 0 to 1, of the printed area's rim and centre that is in the image,
-    faces the camera and has nothing before it (as it stands in the middle of the exposure).
+    and the line of sight; `visible` fraction, from 0 to 1, of the printed area that is in the image, faces the camera
+    and has nothing before it (as it stands in the middle of the exposure), 1 only where that holds for all points
+    looked at, those of the rim among them. `semi_axes_px` (.., 2) major and minor of the ellipse with the second
+    moments of the dot's image, `angle_deg` of its major axis from x towards y, in (-90, 90]. Where things move, centres
+    and discs are means over the exposure, and size and shape are those of the middle of it.
     """
 
     centre_px: np.ndarray
@@ -29,6 +35,8 @@ class Views:
     diameter_px: np.ndarray
     obliquity_deg: np.ndarray
     visible: np.ndarray
+    semi_axes_px: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 2)))
+    angle_deg: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
 
 
 def see(world: World) -> Views:
@@ -36,69 +44,107 @@ def see(world: World) -> Views:
     marks = world.marks
     centre, normal = world.mark_world_mm, world.mark_normal
     stations, n = len(world.camera_from_world), len(marks)
-    eyes = world.camera_from_world.origin_mm
     shape = (stations, n)
-    unseen, nowhere = np.full(shape, np.nan), np.full((*shape, 2), np.nan)
-    views = Views(nowhere, nowhere.copy(), unseen, unseen.copy(), np.zeros(shape))
-    extent = marks.printed_radius_mm
-    R = world.panels.world_from_panel.R[marks.panel]
-    angle = 2 * np.pi * np.arange(RIM_POINTS) / RIM_POINTS
-    circle = np.vstack([[0, 0], np.column_stack([np.cos(angle), np.sin(angle)])])
-    rim = centre[:, None, :] + extent[:, None, None] * np.einsum("mij,kj->mki", R[:, :, :2], circle)
+
+    def nowhere(*more: int) -> np.ndarray:
+        return np.full((*shape, *more), np.nan)
+
+    views = Views(nowhere(2), nowhere(2), nowhere(), nowhere(), np.zeros(shape), nowhere(2), nowhere())
     with np.errstate(invalid="ignore", divide="ignore"):
         for s in range(stations):
-            views.centre_px[s], views.disc_px[s], views.diameter_px[s] = _images(world, s, centre, normal)
-            sight = eyes[s] - centre
+            pose, centre_px, disc_px = _exposed(world, s, centre, normal)
+            image = disc_image(world.interior, pose, centre, normal, marks.diameter_mm / 2)
+            views.centre_px[s], views.disc_px[s], views.diameter_px[s] = centre_px, disc_px, image.diameter_px
+            views.semi_axes_px[s], views.angle_deg[s] = _ellipse(image.moments_px2)
+            sight = world.camera_from_world.origin_mm[s] - centre
             cosine = np.einsum("mi,mi->m", sight, normal) / np.linalg.norm(sight, axis=1)
             views.obliquity_deg[s] = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
-            pose = world.camera_from_world[np.full(rim.shape[0] * rim.shape[1], s)]
-            uv = project(world.interior, pose, rim.reshape(-1, 3)).reshape(*rim.shape[:2], 2)
-            limit = np.array([world.interior.width_px, world.interior.height_px]) - 1 - EDGE_MARGIN_PX
-            inside = np.all((uv >= EDGE_MARGIN_PX) & (uv <= limit), axis=-1)
-            seen = inside & (cosine > 0)[:, None]
-            candidates = np.argwhere(seen)
-            points = rim[candidates[:, 0], candidates[:, 1]]
-            seen[candidates[:, 0], candidates[:, 1]] = ~hidden(eyes[s], points, world, marks.panel[candidates[:, 0]])
-            views.visible[s] = seen.mean(axis=1)
+            views.visible[s] = _visible(world, s, cosine > 0)
     return views
 
 
-def _images(world: World, station: int, centre_mm: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Centres (n, 2), discs (n, 2) and diameters (n,) in px of all marks, means over the exposure where things move."""
+def _exposed(
+    world: World, station: int, centre_mm: np.ndarray, normal: np.ndarray
+) -> tuple[Poses, np.ndarray, np.ndarray]:
+    """Cameras (n) in the middle of each mark's exposure; centres and discs (n, 2) in px, means over the exposure."""
     motion, n = world.motion, len(centre_mm)
     rest = world.camera_from_world[np.full(n, station)]
-    radius = world.marks.diameter_mm / 2
-    if not motion.moves:
-        image = disc_image(world.interior, rest, centre_mm, normal, radius)
-        return project(world.interior, rest, centre_mm), image.centroid_px, image.diameter_px
-    # A row's exposure begins when the shutter comes to it: the time a mark is exposed follows from where it is seen.
     at_s = np.zeros(n)
-    for _ in range(ROW_STEPS if motion.row_s else 0):
+    # A row's exposure begins when the shutter comes to it: the time a mark is exposed follows from where it is seen.
+    for _ in range(ROW_STEPS if motion.moves and motion.row_s else 0):
         row = project(world.interior, motion.camera_from_rest(rest, at_s), centre_mm)[:, 1]
         at_s = np.nan_to_num((row - (world.interior.height_px - 1) / 2) * motion.row_s)
-    centres, discs, diameters = np.zeros((n, 2)), np.zeros((n, 2)), np.zeros(n)
-    for node, weight in zip(*np.polynomial.legendre.leggauss(3), strict=True):
-        pose = motion.camera_from_rest(rest, at_s + node / 2 * motion.exposure_s)
-        image = disc_image(world.interior, pose, centre_mm, normal, radius)
+    middle = motion.camera_from_rest(rest, at_s) if motion.moves else rest
+    centres, discs = np.zeros((n, 2)), np.zeros((n, 2))
+    for node, weight in zip(*np.polynomial.legendre.leggauss(3 if motion.moves else 1), strict=True):
+        during = at_s + node / 2 * motion.exposure_s
+        pose = motion.camera_from_rest(rest, during) if motion.moves else rest
         centres += weight / 2 * project(world.interior, pose, centre_mm)
-        discs += weight / 2 * image.centroid_px
-        diameters += weight / 2 * image.diameter_px
-    return centres, discs, diameters
+        discs += (
+            weight / 2 * disc_image(world.interior, pose, centre_mm, normal, world.marks.diameter_mm / 2).centroid_px
+        )
+    return middle, centres, discs
+
+
+def _ellipse(moments_px2: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Semi-axes (n, 2) in px and angle (n,) in degrees of ellipses with second moments (n, 2, 2) over their areas."""
+    xx, xy, yy = moments_px2[:, 0, 0], moments_px2[:, 0, 1], moments_px2[:, 1, 1]
+    middle, half = (xx + yy) / 2, np.hypot((xx - yy) / 2, xy)
+    axes = 2 * np.sqrt(np.maximum(np.column_stack([middle + half, middle - half]), 0))
+    angle = np.degrees(np.arctan2(2 * xy, xx - yy)) / 2
+    return axes, np.where(angle <= -90, 90.0, angle)
+
+
+def _visible(world: World, station: int, facing: np.ndarray) -> np.ndarray:
+    """(n,) visible fraction of the printed area of every mark; `facing` (n,) those that face the camera."""
+    angle = 2 * np.pi * np.arange(RIM_POINTS) / RIM_POINTS
+    rim = np.column_stack([np.cos(angle), np.sin(angle)])
+    front = np.flatnonzero(facing)
+    seen = _points_seen(world, station, front, np.vstack([_lattice(AREA_POINTS), rim]))
+    visible = np.zeros(len(facing))
+    visible[front] = seen.mean(axis=1)
+    part = np.flatnonzero((visible > 0) & (visible < 1))
+    fine = _points_seen(world, station, part, _lattice(FINE_AREA_POINTS)).mean(axis=1)
+    # What the coarse points saw a part of is neither whole nor gone, whatever the fine ones say.
+    visible[part] = np.clip(fine, 0.5 / FINE_AREA_POINTS, 1 - 0.5 / FINE_AREA_POINTS)
+    return visible
+
+
+def _lattice(count: int) -> np.ndarray:
+    """(count, 2) points of equal shares of the unit disc, after Vogel's sunflower."""
+    k = np.arange(count)
+    turn = k * np.pi * (3 - np.sqrt(5))
+    return np.sqrt((k[:, None] + 0.5) / count) * np.column_stack([np.cos(turn), np.sin(turn)])
+
+
+def _points_seen(world: World, station: int, marks: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """(m, k) whether a station sees places (k, 2), in units of the printed radius, of marks (m,) that face it."""
+    panel = world.marks.panel[marks]
+    across = world.panels.world_from_panel.R[panel][:, :, :2]
+    reach = world.marks.printed_radius_mm[marks, None, None]
+    points = world.mark_world_mm[marks, None, :] + reach * np.einsum("mij,kj->mki", across, places)
+    pose = world.camera_from_world[np.full(points.shape[0] * points.shape[1], station)]
+    uv = project(world.interior, pose, points.reshape(-1, 3)).reshape(*points.shape[:2], 2)
+    limit = np.array([world.interior.width_px, world.interior.height_px]) - 1 - EDGE_MARGIN_PX
+    seen = np.all((uv >= EDGE_MARGIN_PX) & (uv <= limit), axis=-1)
+    mark, place = np.nonzero(seen)
+    eye = world.camera_from_world.origin_mm[station]
+    seen[mark, place] = ~hidden(eye, points[mark, place], world, panel[mark])
+    return seen
 
 
 def hidden(eye_mm: np.ndarray, points_mm: np.ndarray, world: World, own_panel: np.ndarray) -> np.ndarray:
-    """(n,) whether a panel other than the point's own, or a lamp, stands between the eye (3,) and each point (n, 3)."""
+    """(n,) whether a panel other than the point's own, a lamp or a mesh hides points (n, 3) from the eye (3,)."""
     lamps = [light.world_from_light for light in world.lights]
     poses = Poses.join([world.panels.world_from_panel, *lamps])
     sizes = np.vstack([world.panels.size_mm, *[light.size_mm for light in world.lights]])
-    blocked = np.zeros(len(points_mm), bool)
+    blocked = hidden_by_meshes(eye_mm, points_mm, world.meshes)
     ray = points_mm - eye_mm
     for k in range(len(poses)):
         R, t = poses.R[k], poses.t_mm[k]
-        start = (eye_mm - t) @ R
-        slope = ray @ R
-        along = -start[2] / np.where(slope[:, 2] == 0, np.inf, slope[:, 2])
-        at = start[:2] + along[:, None] * slope[:, :2]
-        within = np.all(np.abs(at) <= sizes[k] / 2, axis=1)
-        blocked |= within & (along > 0) & (along < 1 - 1e-9) & (own_panel != k)
+        start, slope = (eye_mm - t) @ R, ray @ R[:, 2]
+        along = -start[2] / np.where(slope == 0, np.inf, slope)
+        crossed = np.flatnonzero((along > 0) & (along < 1 - 1e-9) & (own_panel != k))
+        at = start[:2] + along[crossed, None] * (ray[crossed] @ R[:, :2])
+        blocked[crossed] |= np.all(np.abs(at) <= sizes[k] / 2, axis=1)
     return blocked

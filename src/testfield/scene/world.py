@@ -70,14 +70,47 @@ class AreaLight:
     radiance: float
 
 
+@dataclass(frozen=True, eq=False)
+class TrueMesh:
+    """A matt body of triangles, flat each, in the world.
+
+    `vertices_mm` (v, 3); `faces` (f, 3) indices of vertices, counter-clockwise seen from outside; `albedo` diffuse
+    reflectance; `closed` whether it bounds a volume: of other meshes both sides are seen.
+    """
+
+    name: str
+    vertices_mm: np.ndarray
+    faces: np.ndarray
+    albedo: float
+    closed: bool
+
+    @property
+    def corners_mm(self) -> np.ndarray:
+        """(f, 3, 3) the corners of every face."""
+        return self.vertices_mm[self.faces]
+
+    @property
+    def normals(self) -> np.ndarray:
+        """(f, 3) unit normals of the faces."""
+        a, b, c = np.moveaxis(self.corners_mm, 1, 0)
+        normal = np.cross(b - a, c - a)
+        return normal / np.linalg.norm(normal, axis=1, keepdims=True)
+
+    @property
+    def sphere(self) -> tuple[np.ndarray, float]:
+        """A sphere around it: centre (3,) and radius, in mm."""
+        centre = (self.vertices_mm.min(axis=0) + self.vertices_mm.max(axis=0)) / 2
+        return centre, float(np.linalg.norm(self.vertices_mm - centre, axis=1).max())
+
+
 @dataclass(frozen=True)
 class World:
     """Everything that exists, in millimetres in the world frame (z up).
 
     `camera_from_world` (stations) poses, `interior` the true interior orientation, `psf_sigma_px` the optics' blur,
     `ambient_radiance` in W/(m^2 sr) from all around, `field` what the measuring side is told, `field_diagonal_mm` of
-    the declared measuring volume. `optics` depth of field, diffraction, vignetting; `motion` while the shutter is
-    open: the world is as it stands in the middle of the exposure.
+    the declared measuring volume, `meshes` bodies of other shapes than panels, `optics` depth of field, diffraction,
+    vignetting, `motion` while the shutter is open: the world is as it stands in the middle of the exposure.
     """
 
     name: str
@@ -93,6 +126,7 @@ class World:
     lights: tuple[AreaLight, ...]
     ambient_radiance: float
     field: Field
+    meshes: tuple[TrueMesh, ...] = ()
     optics: Optics = PINHOLE
     motion: Motion = UNMOVED
 
