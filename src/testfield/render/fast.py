@@ -80,6 +80,9 @@ def _shade(
         ray, ray_flags=mi.RayFlags.Minimal | mi.RayFlags.UV | mi.RayFlags.dPdUV, coherent=True
     )
 
+    if stage.texture.bent:
+        hit = stage.texture.bent.refine(hit, ray, stage.texture.panel(hit), hit.is_valid())
+
     # Where the cell's edges meet the panel's plane: the change of the hit point by one cell in x and in y.
     depth = hit.t / length
     slope = dr.dot(direction, hit.n)

@@ -191,12 +191,19 @@ def pattern_texture_class() -> type:
             super().__init__(props)
             self.tables: PatternTables | None = None
             self.panel_of_shape: Any = None
+            self.bent: Any = None
 
         def panel(self, si: Any) -> Any:
             number: Any = dr.reinterpret_array(mi.UInt32, si.shape)
             return dr.gather(mi.UInt32, self.panel_of_shape, number)
 
         def eval_1(self, si, active=True):  # type: ignore[no-untyped-def]
+            if self.bent:
+                # The path tracer's hit, moved from the mesh to the surface along the ray that found it.
+                ray = mi.Ray3f(si.p, -si.to_world(si.wi))
+                at = mi.SurfaceInteraction3f(si)
+                at.t = mi.Float(0)
+                si = self.bent.refine(at, ray, self.panel(si), active)
             return self.reflectance(si, 1)
 
         def reflectance(self, si: Any, parts: int) -> Any:

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from testfield.camera.pose import Poses
+from testfield.render.bent import BentPanels, bent_mesh
 from testfield.render.pattern import PatternTables, pattern_texture_class
 from testfield.render.variant import mitsuba
 from testfield.scene.world import World
@@ -13,7 +14,8 @@ from testfield.scene.world import World
 
 @dataclass(frozen=True)
 class Stage:
-    """`scene` the Mitsuba scene; `texture` the pattern all panels share, which also tells a hit's panel."""
+    """`scene` the Mitsuba scene; `texture` the pattern all panels share, which also tells a hit's panel and holds the
+    exact surfaces of bent ones."""
 
     world: World
     scene: Any
@@ -29,8 +31,15 @@ def build_stage(world: World) -> Stage:
     texture = mi.load_dict({"type": "testfield_pattern"})
     paint = mi.load_dict({"type": "diffuse", "reflectance": texture})
     parts: dict[str, Any] = {"type": "scene"}
+    if world.panels.bent.any():
+        # By default rays may slip through between the triangles of a mesh.
+        parts["embree_use_robust_intersections"] = True
     for k, size in enumerate(world.panels.size_mm):
-        parts[f"panel{k:05d}"] = {
+        name = f"panel{k:05d}"
+        if world.panels.bent[k]:
+            parts[name] = bent_mesh(world.panels, k, name, paint)
+            continue
+        parts[name] = {
             "type": "rectangle",
             "to_world": _to_world(world.panels.world_from_panel, k, size),
             "bsdf": paint,
@@ -61,6 +70,8 @@ def build_stage(world: World) -> Stage:
         table[numbers[f"panel{k:05d}"]] = k
     texture.panel_of_shape = mi.UInt32(table)
     texture.tables = PatternTables(world.panels, world.marks, world.field.bits)
+    if world.panels.bent.any():
+        texture.bent = BentPanels(world.panels)
     return Stage(world, scene, texture)
 
 

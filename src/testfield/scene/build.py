@@ -7,6 +7,7 @@ from testfield.camera.lens import MODELS
 from testfield.camera.pose import Poses
 from testfield.errors import TestfieldError
 from testfield.scene import generators
+from testfield.scene.bend import curvature_of, extent_mm
 from testfield.scene.frames import along, facing
 from testfield.scene.schema import BoardPart, CheckOnBoard, ExtensionZone, RecognitionZone, SceneFile
 from testfield.scene.world import BAR, BOARD, CHECK, AreaLight, Panels, TrueMarks, World
@@ -30,12 +31,28 @@ class _Assembly:
         self.panels: list[tuple] = []
         self.marks: list[tuple] = []
 
-    def panel(self, name: str, R: np.ndarray, t: np.ndarray, size: tuple, thickness: float) -> int:
-        """A printed front and its plain back; returns the front's index."""
+    def panel(
+        self,
+        name: str,
+        R: np.ndarray,
+        t: np.ndarray,
+        size: tuple,
+        thickness: float,
+        curvature: float = 0.0,
+        axis_rad: float = 0.0,
+    ) -> int:
+        """A printed front and its plain back, bent alike; returns the front's index."""
         ground, ink = (self.black, self.white) if self.white_on_black else (self.white, self.black)
-        self.panels.append((name, R, t, size, ground, ink))
+        self.panels.append((name, R, t, size, ground, ink, curvature, axis_rad))
         behind = np.column_stack([-R[:, 0], R[:, 1], -R[:, 2]])
-        self.panels.append((f"{name} (back)", behind, t - thickness * R[:, 2], size, self.back, self.back))
+        # The back is bent about the same axis in space, so it is that much shorter (or longer) across it.
+        shrink = 1 - thickness * curvature
+        across = np.array([np.sin(axis_rad), np.cos(axis_rad)]) ** 2
+        back_size = np.array(size) * (1 + (shrink - 1) * across)
+        self.panels.append(
+            (f"{name} (back)", behind, t - thickness * R[:, 2], back_size, self.back, self.back,
+             -curvature / shrink, np.pi - axis_rad)
+        )  # fmt: skip
         return len(self.panels) - 2
 
     def mark(
@@ -68,7 +85,14 @@ def build_world(scene: SceneFile) -> World:
         except ValueError as error:
             raise TestfieldError(str(error), f"boards[{k}].normal") from error
         nominal = nominal_board(board, scene.code_bits, k)
-        panel = parts.panel(board.name, R, t, board.size_mm, board.thickness_mm)
+        axis_rad = np.radians(board.bow_axis_deg)
+        curvature = curvature_of(board.bow_mm, extent_mm(board.size_mm, axis_rad))
+        if curvature * board.thickness_mm >= 1:
+            raise TestfieldError(
+                f"value {board.bow_mm}: the board is thicker than its radius of bending", f"boards[{k}].bow_mm",
+                "lower bow_mm or thickness_mm",
+            )  # fmt: skip
+        panel = parts.panel(board.name, R, t, board.size_mm, board.thickness_mm, curvature, axis_rad)
         drawn = generator(seed, f"print/{board.name}").normal(0, 1, nominal.marks.xy_mm.shape) * board.print_sigma_mm
         true_xy = nominal.marks.xy_mm * (1 + scale_error) + drawn
         for i, xy in enumerate(true_xy):
@@ -125,6 +149,8 @@ def build_world(scene: SceneFile) -> World:
                 surface.size_mm,
                 surface.albedo,
                 surface.albedo,
+                0.0,
+                0.0,
             )
         )
 
@@ -215,8 +241,8 @@ def _grid(zone: ExtensionZone | RecognitionZone) -> np.ndarray:
 
 
 def _panels(parts: _Assembly) -> Panels:
-    name, R, t, size, ground, ink = zip(*parts.panels, strict=True)
-    return Panels(name, Poses(np.array(R), np.array(t)), np.array(size, float), np.array(ground), np.array(ink))
+    name, R, t, size, *rest = zip(*parts.panels, strict=True)
+    return Panels(name, Poses(np.array(R), np.array(t)), np.array(size, float), *(np.array(column) for column in rest))
 
 
 def _marks(parts: _Assembly) -> TrueMarks:

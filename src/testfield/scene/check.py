@@ -4,6 +4,7 @@ import numpy as np
 
 from testfield.camera.project import directions
 from testfield.errors import TestfieldError
+from testfield.scene.bend import to_paper
 from testfield.scene.schema import BoardPart, ScaleBarPart, SceneFile, SurfacePart
 from testfield.scene.truth import Views
 from testfield.scene.world import World
@@ -131,6 +132,10 @@ def _stations_stand_free(world: World, source: str) -> None:
         if name.endswith(" (back)"):
             continue
         local = (eyes - world.panels.world_from_panel.t_mm[k]) @ world.panels.world_from_panel.R[k]
+        curve = (
+            np.full(len(local), values[k]) for values in (world.panels.curvature_per_mm, world.panels.bend_axis_rad)
+        )
+        local = to_paper(local, *curve)
         over = np.all(np.abs(local[:, :2]) <= world.panels.size_mm[k] / 2, axis=1)
         if name in pairs:  # a board or a card: the body between front and back
             back = world.panels.world_from_panel.t_mm[pairs[name]] - world.panels.world_from_panel.t_mm[k]

@@ -1,9 +1,12 @@
 """The scene file: every field a person can write, with its unit, its default and what it means."""
 
+import math
 import re
 from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PositiveFloat, PositiveInt, model_validator
+
+from testfield.scene.bend import curvature_of, extent_mm
 
 Vector3 = tuple[float, float, float]
 Pair = tuple[float, float]
@@ -167,7 +170,7 @@ class RecognitionZone(_Part):
 
 
 class BoardPart(_Part):
-    """A flat sub-board with its two zones."""
+    """A sub-board with its two zones: flat by its certificate, and in truth where `bow_mm` is 0."""
 
     name: Label = Field(description="Unique name.")
     size_mm: Size = Field((1100, 800), description="Width and height.")
@@ -180,6 +183,20 @@ class BoardPart(_Part):
     print_sigma_mm: float = Field(
         0.01, ge=0, le=10, description="Standard deviation of each mark's true x and y about the nominal."
     )
+    bow_mm: float = Field(
+        0,
+        description="How far the middle stands out from the edges across the bending axis, positive towards the "
+        "viewer: the printed sheet is bent to a circular cylinder without stretching, and its certificate knows "
+        "nothing of it.",
+    )
+    bow_axis_deg: float = Field(
+        90, description="Direction of the bending axis on the board, counter-clockwise from its x; 90 is upright."
+    )
+
+    @model_validator(mode="after")
+    def _bendable(self) -> "BoardPart":
+        curvature_of(self.bow_mm, extent_mm(self.size_mm, math.radians(self.bow_axis_deg)))
+        return self
 
 
 class ScaleBarPart(_Part):

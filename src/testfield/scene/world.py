@@ -6,6 +6,7 @@ import numpy as np
 
 from testfield.camera.interior import Interior
 from testfield.camera.pose import Poses
+from testfield.scene import bend
 from testfield.targets.field import Field
 from testfield.targets.marks import RING_OUTER
 
@@ -16,10 +17,12 @@ ROLES = ("board", "bar", "check")
 
 @dataclass(frozen=True)
 class Panels:
-    """Flat rectangles, the surfaces of the world: fronts and backs of boards, cards, floor, walls.
+    """Rectangles, flat or bent, the surfaces of the world: fronts and backs of boards, cards, floor, walls.
 
     `world_from_panel` (n) poses; the panel's frame has its origin in the middle, x right, y up, z out of the side
     that is seen. `size_mm` (n, 2); `ground_albedo`, `ink_albedo` (n,) diffuse reflectance beside and on the marks.
+    `curvature_per_mm`, `bend_axis_rad` (n,) as in `bend.py`, where absent all panels are flat; x and y of a bent panel
+    are those of its flat paper.
     """
 
     name: tuple[str, ...]
@@ -27,9 +30,30 @@ class Panels:
     size_mm: np.ndarray
     ground_albedo: np.ndarray
     ink_albedo: np.ndarray
+    curvature_per_mm: np.ndarray = None  # type: ignore[assignment]
+    bend_axis_rad: np.ndarray = None  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        for name in ("curvature_per_mm", "bend_axis_rad"):
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, np.zeros(len(self.name)))
 
     def __len__(self) -> int:
         return len(self.name)
+
+    @property
+    def bent(self) -> np.ndarray:
+        """(n,) which panels are not flat."""
+        return self.curvature_per_mm != 0
+
+    def place(self, panel: np.ndarray, xy_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Points (n, 3) in the world of paper coordinates (n, 2) on panels (n,), and the surface's frames there.
+
+        Frames (n, 3, 3) have as columns the directions of paper x and paper y and the normal.
+        """
+        curve = self.curvature_per_mm[panel], self.bend_axis_rad[panel]
+        poses = self.world_from_panel[panel]
+        return poses.apply(bend.to_space(xy_mm, *curve)), poses.R @ bend.frames(xy_mm, *curve)
 
 
 @dataclass(frozen=True)
@@ -92,10 +116,9 @@ class World:
     @property
     def mark_world_mm(self) -> np.ndarray:
         """(n, 3) true positions of all marks in the world."""
-        xyz = np.column_stack([self.marks.xy_mm, np.zeros(len(self.marks))])
-        return self.panels.world_from_panel[self.marks.panel].apply(xyz)
+        return self.panels.place(self.marks.panel, self.marks.xy_mm)[0]
 
     @property
     def mark_normal(self) -> np.ndarray:
         """(n, 3) unit normals of the surfaces under the marks, in the world."""
-        return self.panels.world_from_panel.R[self.marks.panel][:, :, 2]
+        return self.panels.place(self.marks.panel, self.marks.xy_mm)[1][:, :, 2]
