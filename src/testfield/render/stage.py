@@ -69,7 +69,7 @@ def build_stage(world: World) -> Stage:
     for k in range(len(world.panels)):
         table[numbers[f"panel{k:05d}"]] = k
     texture.panel_of_shape = mi.UInt32(table)
-    texture.tables = PatternTables(world.panels, world.marks, world.field.bits)
+    texture.tables = PatternTables(world.panels, world.marks, world.field.bits, world.dirt)
     if world.panels.bent.any():
         texture.bent = BentPanels(world.panels)
     return Stage(world, scene, texture)

@@ -10,7 +10,7 @@ from testfield.scene import generators
 from testfield.scene.bend import curvature_of, extent_mm
 from testfield.scene.frames import along, facing
 from testfield.scene.schema import BoardPart, CheckOnBoard, ExtensionZone, RecognitionZone, SceneFile
-from testfield.scene.world import BAR, BOARD, CHECK, AreaLight, Panels, TrueMarks, World
+from testfield.scene.world import BAR, BOARD, CHECK, AreaLight, Dirt, Panels, TrueMarks, World
 from testfield.seeds import generator
 from testfield.targets.field import Field, NominalBoard, ScaleBar
 from testfield.targets.marks import QUIET, Marks
@@ -76,6 +76,7 @@ def build_world(scene: SceneFile) -> World:
     parts = _Assembly(scene)
 
     boards, board_R, board_t, keep_clear = [], [], [], []
+    spots: list[tuple] = []
     for k, board in enumerate(scene.boards):
         try:
             R, t = (
@@ -102,6 +103,11 @@ def build_world(scene: SceneFile) -> World:
                 parts.mark(panel, np.array(check.xy_mm), check.diameter_mm, check.code, CHECK)
             elif isinstance(check, CheckOnBoard) and check.board not in {b.name for b in scene.boards}:
                 raise TestfieldError(f"no board is called '{check.board}'", f"check_targets[{number}].board")
+        if board.dirt:
+            free = np.maximum(np.array(board.size_mm) - board.dirt.diameter_mm, 0) / 2
+            rng = generator(seed, f"dirt/{board.name}/{board.dirt.seed}")
+            for xy in rng.uniform(-free, free, (board.dirt.count, 2)):
+                spots.append((panel, xy, board.dirt.diameter_mm / 2, board.dirt.albedo))
         boards.append(nominal)
         board_R.append(R)
         board_t.append(t)
@@ -175,6 +181,7 @@ def build_world(scene: SceneFile) -> World:
         scene.name, seed, float(np.linalg.norm(scene.volume.size_mm)), _panels(parts), _marks(parts),
         Poses(np.array(board_R), np.array(board_t)), tuple(names), Poses(station_R, station_t), true_interior(scene),
         scene.camera.psf_sigma_px, lights, scene.room.ambient_w_m2_sr, field,
+        Dirt(*(np.array(column) for column in zip(*spots, strict=True))) if spots else Dirt(),
     )  # fmt: skip
 
 

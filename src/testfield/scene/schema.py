@@ -169,6 +169,15 @@ class RecognitionZone(_Part):
     codes: tuple[PositiveInt, ...] | None = Field(None, description="Numbers one by one instead of first_code.")
 
 
+class DirtPart(_Part):
+    """Round spots of dirt at random places of a board, over ground and marks."""
+
+    count: Count = Field(description="How many.")
+    diameter_mm: PositiveFloat = Field(description="Diameter of each.")
+    albedo: float = Field(0.25, ge=0, le=0.95, description="Diffuse reflectance.")
+    seed: int = Field(0, ge=0, description="Another seed gives another arrangement.")
+
+
 class BoardPart(_Part):
     """A sub-board with its two zones: flat by its certificate, and in truth where `bow_mm` is 0."""
 
@@ -192,6 +201,8 @@ class BoardPart(_Part):
     bow_axis_deg: float = Field(
         90, description="Direction of the bending axis on the board, counter-clockwise from its x; 90 is upright."
     )
+
+    dirt: DirtPart | None = Field(None, description="Spots of dirt; absent for a clean board.")
 
     @model_validator(mode="after")
     def _bendable(self) -> "BoardPart":

@@ -1,6 +1,6 @@
 """What each station truly sees of each mark: where, how large, how oblique, and how much of it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -23,7 +23,7 @@ class Views:
     `centre_px` (.., 2) projection of the mark's centre; `disc_px` (.., 2) centre of area of the dot's image, which is
     what a detector sees; `diameter_px` of the circle of equal area; `obliquity_deg` angle between the mark's normal
     and the line of sight; `visible` fraction, from 0 to 1, of the printed area's rim and centre that is in the image,
-    faces the camera and has nothing before it.
+    faces the camera and has nothing before it, times `clean`; `clean` (marks,) part of the printed circle without dirt.
     """
 
     centre_px: np.ndarray
@@ -31,6 +31,7 @@ class Views:
     diameter_px: np.ndarray
     obliquity_deg: np.ndarray
     visible: np.ndarray
+    clean: np.ndarray = field(default_factory=lambda: np.ones(1))
 
 
 def see(world: World) -> Views:
@@ -41,7 +42,7 @@ def see(world: World) -> Views:
     eyes = world.camera_from_world.origin_mm
     shape = (stations, n)
     unseen, nowhere = np.full(shape, np.nan), np.full((*shape, 2), np.nan)
-    views = Views(nowhere, nowhere.copy(), unseen, unseen.copy(), np.zeros(shape))
+    views = Views(nowhere, nowhere.copy(), unseen, unseen.copy(), np.zeros(shape), world.mark_clean)
     extent = marks.printed_radius_mm
     circle = np.vstack([[0, 0], _circle(RIM_POINTS)])
     R = world.panels.world_from_panel.R[marks.panel]
@@ -69,7 +70,7 @@ def see(world: World) -> Views:
             candidates = np.argwhere(seen)
             points = rim[candidates[:, 0], candidates[:, 1]]
             seen[candidates[:, 0], candidates[:, 1]] = ~hidden(eyes[s], points, world, marks.panel[candidates[:, 0]])
-            views.visible[s] = seen.mean(axis=1)
+            views.visible[s] = seen.mean(axis=1) * views.clean
     return views
 
 

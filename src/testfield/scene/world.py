@@ -1,6 +1,6 @@
 """The world: every surface, mark, light and station, true to the last digit. Only the truth's side may see it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from testfield.targets.marks import RING_OUTER
 
 BOARD, BAR, CHECK = 0, 1, 2
 """What a mark serves: a board's layout, an end of a scale bar, a check target."""
+CLEAN_POINTS = 4096
 ROLES = ("board", "bar", "check")
 
 
@@ -82,6 +83,19 @@ class TrueMarks:
 
 
 @dataclass(frozen=True)
+class Dirt:
+    """Round spots over whatever is printed: `panel` (n,), `xy_mm` (n, 2) on it, `radius_mm`, `albedo` (n,)."""
+
+    panel: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
+    xy_mm: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
+    radius_mm: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    albedo: np.ndarray = field(default_factory=lambda: np.zeros(0))
+
+    def __len__(self) -> int:
+        return len(self.panel)
+
+
+@dataclass(frozen=True)
 class AreaLight:
     """A rectangular diffuse emitter: `world_from_light` one pose (it shines along +z), radiance in W/(m^2 sr)."""
 
@@ -96,7 +110,7 @@ class World:
 
     `camera_from_world` (stations) poses, `interior` the true interior orientation, `psf_sigma_px` the optics' blur,
     `ambient_radiance` in W/(m^2 sr) from all around, `field` what the measuring side is told, `field_diagonal_mm` of
-    the declared measuring volume.
+    the declared measuring volume, `dirt` the spots on its panels.
     """
 
     name: str
@@ -112,6 +126,26 @@ class World:
     lights: tuple[AreaLight, ...]
     ambient_radiance: float
     field: Field
+    dirt: Dirt = Dirt()
+
+    @property
+    def mark_clean(self) -> np.ndarray:
+        """(n,) part of each mark's printed circle that no dirt covers: 1 only where none touches it.
+
+        Counted on a lattice of `CLEAN_POINTS` points, the same for every mark.
+        """
+        marks, dirt = self.marks, self.dirt
+        clean = np.ones(len(marks))
+        k = np.arange(CLEAN_POINTS)
+        radius, turn = np.sqrt((k + 0.5) / CLEAN_POINTS), k * np.pi * (3 - np.sqrt(5))
+        lattice = np.column_stack([radius * np.cos(turn), radius * np.sin(turn)])
+        for m, reach in enumerate(marks.printed_radius_mm):
+            offset = dirt.xy_mm - marks.xy_mm[m]
+            near = (dirt.panel == marks.panel[m]) & (np.linalg.norm(offset, axis=1) < reach + dirt.radius_mm)
+            if near.any():
+                gap = np.linalg.norm(reach * lattice[:, None] - offset[near], axis=-1) - dirt.radius_mm[near]
+                clean[m] = min(float((gap > 0).all(axis=1).mean()), 1 - 1 / CLEAN_POINTS)
+        return clean
 
     @property
     def mark_world_mm(self) -> np.ndarray:
