@@ -2,11 +2,12 @@
 
 import math
 import re
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PositiveFloat, PositiveInt, model_validator
 
 from testfield.scene.bend import curvature_of, extent_mm
+from testfield.sensor.presets import presets, with_preset
 
 Vector3 = tuple[float, float, float]
 Pair = tuple[float, float]
@@ -40,6 +41,15 @@ def _direction(vector: Vector3) -> Vector3:
 
 
 Direction = Annotated[Vector3, AfterValidator(_direction)]
+
+
+def _preset(name: str) -> str:
+    if name not in presets():
+        raise ValueError(f"no such sensor; known are {', '.join(sorted(presets()))}")
+    return name
+
+
+PresetName = Annotated[str, AfterValidator(_preset)]
 
 
 class _Part(BaseModel):
@@ -113,6 +123,12 @@ class CameraPart(_Part):
 class SensorPart(_Part):
     """The sensor, with the figures of an EMVA 1288 data sheet. The defaults are of a global-shutter CMOS of 3.45 um."""
 
+    preset: PresetName | None = Field(
+        None,
+        exclude=True,  # by then its figures stand in the other fields
+        description="A sensor of `testfield list`: its data sheet's figures stand wherever the scene gives none, also "
+        "for the camera's width_px, height_px and pixel_pitch_um.",
+    )
     bits: int = Field(12, ge=8, le=16, description="Bits of the converter; stored in 16-bit PNG.")
     quantum_efficiency: float = Field(0.63, gt=0, le=1, description="Electrons a photon at the wavelength.")
     full_well_e: PositiveFloat = Field(10400, description="Electrons at which a pixel saturates.")
@@ -394,6 +410,11 @@ class MeasurePart(_Part):
 
 class SceneFile(_Part):
     """A scene: the field as it truly is, the camera that sees it, and how it is measured."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _with_preset(cls, data: Any) -> Any:
+        return with_preset(data) if isinstance(data, dict) else data
 
     name: Name = Field(description="Name of the scene, also of its run's folder.")
     description: str = Field("", description="One sentence for the report.")
