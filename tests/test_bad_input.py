@@ -93,6 +93,25 @@ CASES = {
         ("k1 = -0.09", "k1 = -0.09\nk4 = 0.1"),
         ["camera.k4", "brown", "k1, k2, k3, p1, p2"],
     ),
+    "no power": (("radiance_w_m2_sr = 10.0", "radiance_w_m2_sr = 0"), ["room.lights[0].radiance_w_m2_sr", "0"]),
+    "lamp that shines away": (
+        ("normal = [-0.1, 0.5, -1]\nradiance", "normal = [0.1, -0.5, 1]\nradiance"),
+        ["room.lights", "no board receives any light"],
+    ),
+    "random targets that cannot fit": (
+        (
+            'generator = "grid"\nfirst_code = 201\ncounts = [3, 1, 2]',
+            'generator = "random"\nfirst_code = 201\ncount = 900',
+        ),
+        ["check_targets[0]", "900", "do not fit"],
+    ),
+    "random targets in a huge box": (
+        (
+            'generator = "grid"\nfirst_code = 201\ncounts = [3, 1, 2]\nlow_mm = [-330, -60, 330]',
+            'generator = "random"\nfirst_code = 201\ncount = 9\nlow_mm = [-33e7, -60, 330]',
+        ),
+        ["check_targets[0].high_mm", "3.3e+08"],
+    ),
     "zero direction": (("direction = [1, -0.1, 0.05]", "direction = [0, 0, 0]"), ["scale_bars[0].direction"]),
 }
 
@@ -101,7 +120,10 @@ CASES = {
 def test_the_complaint_names_file_field_and_value(name: str, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     (old, new), words = CASES[name]
     assert old in QUICK
-    said = complaint(tmp_path, capsys, QUICK.replace(old, new))
+    text = QUICK.replace(old, new)
+    if name == "lamp that shines away":
+        text = text.replace("ambient_w_m2_sr = 0.6", "ambient_w_m2_sr = 0")
+    said = complaint(tmp_path, capsys, text)
     for word in words:
         assert word in said, said
 
@@ -144,7 +166,30 @@ def test_a_board_nobody_sees_is_named(tmp_path: Path, capsys: pytest.CaptureFixt
     scene = tmp_path / "away.toml"
     scene.write_text(QUICK.replace("normal = [-0.45, -1, 0.3]", "normal = [0.45, 1, 0.3]"))
     assert main(["validate", str(scene)]) == 0
-    assert "board 'C' is seen by no station" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "board 'C' is seen by no station" in said
+    assert "faces away" in said
+    assert "boards[2].normal" in said
+
+
+@pytest.mark.parametrize(
+    ("time_ms", "words"), [("80.0", ["saturates", "try 9.4 ms"]), ("0.05", ["left in the dark", "times the noise"])]
+)
+def test_a_wrong_exposure_is_warned_of_with_level_and_advice(
+    time_ms: str, words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    scene = tmp_path / "exposed.toml"
+    scene.write_text(QUICK.replace("time_ms = 8.0", f"time_ms = {time_ms}"))
+    assert main(["validate", str(scene)]) == 0
+    said = capsys.readouterr().err
+    for word in ["exposure.time_ms", "DN", *words]:
+        assert word in said, said
+
+
+@pytest.mark.parametrize("name", ["quick", "stitched_wall", "shadowed_board"])
+def test_the_scenes_that_come_along_are_well_exposed(name: str, capsys: pytest.CaptureFixture) -> None:
+    assert main(["validate", str(SCENES / f"{name}.toml")]) == 0
+    assert "exposure" not in capsys.readouterr().err
 
 
 def test_a_full_disk_is_said_so(tmp_path: Path, capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,7 +6,16 @@ import numpy as np
 import pytest
 
 from testfield.camera.pose import rotation
-from testfield.certify.geometry import STRIP_PX, Sample, certify_geometry, judge, render_targets, strewn
+from testfield.certify.geometry import (
+    STRIP_PX,
+    Sample,
+    bent,
+    certify_geometry,
+    judge,
+    judge_bent,
+    render_targets,
+    strewn,
+)
 from testfield.certify.reference import ink_in_pixels
 from testfield.scene.world import World
 
@@ -76,9 +85,9 @@ def test_the_reference_agrees_with_points_traced_back_to_the_plane() -> None:
     assert abs(counted.sum() - window.values.sum()) < 1e-3 * window.values.sum()
 
 
-def test_the_quick_certificate_names_six_figures() -> None:
+def test_the_quick_certificate_names_seven_figures() -> None:
     verdicts = certify_geometry(True, ENOUGH_CELLS)
-    assert len(verdicts) == len({verdict.name for verdict in verdicts}) == 6
+    assert len(verdicts) == len({verdict.name for verdict in verdicts}) == 7
     for verdict in verdicts:
         assert verdict.passed, verdict
 
@@ -111,3 +120,12 @@ def test_a_renderer_shifted_by_a_hundredth_of_a_pixel_fails() -> None:
     for code in (False, True):
         assert not any(verdict.passed for verdict in judge([sample], code))
     assert sample.centre_errors_px().mean(axis=0) == pytest.approx([0.01, 0.0], abs=5e-4)
+
+
+def test_a_renderer_that_takes_bent_panels_for_flat_fails() -> None:
+    def flatten(world: World) -> World:
+        return replace(world, panels=replace(world.panels, curvature_per_mm=None))
+
+    world = bent(strewn(3478.0, STRIP_PX))
+    assert judge_bent(render_targets(world, 3)).passed
+    assert not judge_bent(render_targets(world, 3, flatten)).passed

@@ -53,8 +53,16 @@ def disc_image(
     first, second = plane_axes(normal)
     angle = 2 * np.pi * np.arange(CONTOUR_POINTS) / CONTOUR_POINTS
     rim = np.cos(angle)[:, None] * first[:, None, :] + np.sin(angle)[:, None] * second[:, None, :]
-    world = centre_mm[:, None, :] + radius_mm[:, None, None] * rim
-    camera = np.einsum("nij,nkj->nki", poses.R, world) + poses.t_mm[:, None, :]
+    return contour_image(interior, poses, centre_mm[:, None, :] + radius_mm[:, None, None] * rim)
+
+
+def contour_image(interior: Interior, poses: Poses, contour_mm: np.ndarray) -> DiscImage:
+    """Image of what closed smooth contours enclose, through the full lens model.
+
+    `contour_mm` (n, CONTOUR_POINTS, 3) in the world, at even steps of a contour's angle; contour i seen from
+    camera-from-world pose i.
+    """
+    camera = np.einsum("nij,nkj->nki", poses.R, contour_mm) + poses.t_mm[:, None, :]
     contour = project_camera(interior, camera)
     origin = contour.mean(axis=1)
     x, y = np.moveaxis(contour - origin[:, None, :], -1, 0)

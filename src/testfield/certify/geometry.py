@@ -6,7 +6,7 @@ reference (`reference.py`) says what it has to be.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from testfield.camera.images import Radiance
 from testfield.camera.interior import Interior
 from testfield.camera.pose import Poses, rotation
 from testfield.camera.project import directions
-from testfield.certify.reference import Window, ink_in_pixels
+from testfield.certify.reference import Sheet, Window, ink_in_pixels
 from testfield.certify.verdict import Verdict
 from testfield.render.fast import render_fast
 from testfield.render.irradiance import Irradiance
@@ -37,6 +37,9 @@ SPACING_PX = 240.0
 DIAMETER_PX = (4.0, 40.0)
 TILT_DEG = 65.0
 DISTANCE_MM = 3000.0
+
+BENT_FOCAL_PX = 3478.0
+BENT_RADIUS_MM = (400.0, 20000.0)
 
 RMS_LIMIT_PX, WORST_LIMIT_PX, VALUE_LIMIT = 2e-4, 1e-3, 5e-4
 
@@ -72,7 +75,31 @@ def certify_geometry(quick: bool, cells: int = CELLS) -> list[Verdict]:
         samples = [render_targets(strewn(3478.0, STRIP_PX), cells)]
     else:
         samples = [render_targets(strewn(focal_px, HEIGHT_PX), cells) for focal_px in LENSES]
-    return [verdict for kind in (False, True) for verdict in judge(samples, kind)]
+    flat = [verdict for kind in (False, True) for verdict in judge(samples, kind)]
+    height_px = STRIP_PX if quick else HEIGHT_PX
+    return [*flat, judge_bent(render_targets(bent(strewn(BENT_FOCAL_PX, height_px)), cells))]
+
+
+def judge_bent(sample: Sample) -> Verdict:
+    """One verdict on targets that are printed on bent panels."""
+    errors = sample.centre_errors_px()
+    how = (
+        f"first moments of {len(errors)} targets on panels bent to {BENT_RADIUS_MM[0]:.0f} to "
+        f"{BENT_RADIUS_MM[1]:.0f} mm either way, less those of exact area integrals over the same windows"
+    )
+    rms = float(np.sqrt(np.mean(errors**2)))
+    return Verdict("geometry", "bent boards: centre by first moments, rms", rms, RMS_LIMIT_PX, "px", how)
+
+
+def bent(world: World, seed: int = 1) -> World:
+    """The same targets on panels bent about random axes, half of them outwards."""
+    random = np.random.default_rng([seed, len(world.panels)])
+    n = len(world.panels)
+    radius_mm = np.exp(random.uniform(np.log(BENT_RADIUS_MM[0]), np.log(BENT_RADIUS_MM[1]), n)) * random.choice(
+        [-1, 1], n
+    )
+    axis_rad = random.uniform(0, np.pi, n)
+    return replace(world, panels=replace(world.panels, curvature_per_mm=1 / radius_mm, bend_axis_rad=axis_rad))
 
 
 def judge(samples: list[Sample], code: bool) -> list[Verdict]:
@@ -106,10 +133,13 @@ def render_targets(world: World, cells: int, alter: Callable[[World], World] = l
     words = np.zeros(n, int)
     words[marks.code > 0] = word_of_number(marks.code[marks.code > 0], BITS)
     for k in range(n):
-        R = camera_from_panel.R[k]
-        t_mm = R[:, :2] @ marks.xy_mm[k] + camera_from_panel.t_mm[k]
+        R, t_mm = camera_from_panel.R[k], camera_from_panel.t_mm[k]
+        curvature, axis_rad = world.panels.curvature_per_mm[k], world.panels.bend_axis_rad[k]
+        sheet = Sheet(marks.xy_mm[k], 1 / curvature, axis_rad) if curvature else None
+        if not sheet:
+            t_mm = R[:, :2] @ marks.xy_mm[k] + t_mm
         radius_mm = marks.diameter_mm[k] / 2
-        true.append(ink_in_pixels(world.interior.parameters, R, t_mm, radius_mm, int(words[k]), BITS))
+        true.append(ink_in_pixels(world.interior.parameters, R, t_mm, radius_mm, int(words[k]), BITS, sheet=sheet))
     sight = camera_from_panel.t_mm / np.linalg.norm(camera_from_panel.t_mm, axis=1, keepdims=True)
     tilt_deg = np.degrees(np.arccos(np.clip(-np.sum(sight * camera_from_panel.R[:, :, 2], axis=1), -1, 1)))
     size_px = marks.diameter_mm * world.interior.fx / camera_from_panel.t_mm[:, 2] / np.sqrt(sight[:, 2])

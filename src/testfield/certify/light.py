@@ -116,13 +116,20 @@ def board_pixels(world: World, station: int) -> np.ndarray:
 
     mask = np.zeros((world.interior.height_px, world.interior.width_px), np.uint8)
     names = {sheet.name for sheet in world.field.boards}
+    # Each side in short pieces, for boards that are bent.
+    part = np.linspace(-1, 1, 33)[:-1]
+    side = np.column_stack([part, np.full(len(part), -1.0)])
+    rim = np.concatenate([side, side[:, ::-1] * [-1, 1], -side, side[:, ::-1] * [1, -1]])
     for k, size in enumerate(world.panels.size_mm):
-        corner = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * size / 2
-        R, t = world.panels.world_from_panel.R[k], world.panels.world_from_panel.t_mm[k]
-        pose = world.camera_from_world[np.full(4, station)]
-        outline = project(world.interior, pose, corner @ R[:, :2].T + t)
+        corner = (rim if world.panels.bent[k] else np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])) * size / 2
+        outline_mm, _ = world.panels.place(np.full(len(corner), k), corner)
+        pose = world.camera_from_world[np.full(len(corner), station)]
+        outline = project(world.interior, pose, outline_mm)
         if world.panels.name[k] in names and np.isfinite(outline).all():
-            cv2.fillConvexPoly(mask, np.rint(outline).astype(np.int32), 1)
+            if world.panels.bent[k]:
+                cv2.fillPoly(mask, [np.rint(outline).astype(np.int32)], 1)
+            else:
+                cv2.fillConvexPoly(mask, np.rint(outline).astype(np.int32), 1)
     return cv2.erode(mask, np.ones((5, 5), np.uint8)).astype(bool)
 
 

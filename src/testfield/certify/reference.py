@@ -26,6 +26,26 @@ class Window:
         return image[self.top_px : self.top_px + rows, self.left_px : self.left_px + columns].astype(float)
 
 
+@dataclass(frozen=True)
+class Sheet:
+    """A sheet rolled about a line of its own plane, with a target printed at `xy_mm`.
+
+    `radius_mm` of the roll, negative where its middle stands back from the viewer; `axis_rad` of the line, from x.
+    """
+
+    xy_mm: np.ndarray
+    radius_mm: float
+    axis_rad: float
+
+    def lift(self, xy_mm: np.ndarray) -> np.ndarray:
+        """(n, 3) places of points (n, 2) of the flat print, in the frame of the sheet's middle."""
+        turn = np.exp(-1j * self.axis_rad)
+        flat = ((xy_mm + self.xy_mm) @ [1, 1j]) * turn  # real part along the line, imaginary part across it
+        rolled = self.radius_mm * np.exp(1j * flat.imag / self.radius_mm)  # from the line above the middle
+        back = (flat.real + 1j * rolled.imag) / turn
+        return np.column_stack([back.real, back.imag, rolled.real - self.radius_mm])
+
+
 def ink_in_pixels(
     parameters: np.ndarray,
     R: np.ndarray,
@@ -35,15 +55,17 @@ def ink_in_pixels(
     bits: int,
     margin_px: int = 2,
     knots: int = KNOTS,
+    sheet: "Sheet | None" = None,
 ) -> Window:
     """Fraction of each pixel that is ink, in the target's bounding box widened by `margin_px`.
 
     `parameters` (9,) fx fy cx cy k1 k2 k3 p1 p2; `R` (3, 3) and `t_mm` (3,) lead from the target's frame (x right,
-    y up, z out of the front) to the camera's; `word` of the ring, 0 for a dot alone; `knots` to a full circle.
+    y up, z out of the front) to the camera's; `word` of the ring, 0 for a dot alone; `knots` to a full circle. With a
+    bent `sheet` that carries the target, `R` and `t_mm` lead from the frame of the sheet's middle.
     """
+    lift = sheet.lift if sheet else lambda xy: np.column_stack([xy, np.zeros(len(xy))])
     start, middle, end = (
-        through_lens(parameters, np.column_stack([xy, np.zeros(len(xy))]) @ R.T + t_mm)
-        for xy in outline(radius_mm, word, bits, knots)
+        through_lens(parameters, lift(xy) @ R.T + t_mm) for xy in outline(radius_mm, word, bits, knots)
     )
     low = np.floor(start.min(axis=0) + 0.5).astype(int) - margin_px
     columns, rows = np.floor(start.max(axis=0) + 0.5).astype(int) + margin_px + 1 - low

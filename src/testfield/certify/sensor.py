@@ -1,6 +1,8 @@
 """Is the sensor the one of its data sheet? Photon transfer after EMVA 1288 release 4.0 linear, from frames alone."""
 
 import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -141,6 +143,25 @@ def emva1288_figures(series: FlatSeries) -> Figures:
     Its own reduction of images to sums is used as well. Raises `ImportError` where it is not installed, and
     `AttributeError` where it calls what this NumPy no longer has.
     """
+    with _asfarray_again():
+        return _emva1288_figures(series)
+
+
+@contextmanager
+def _asfarray_again() -> Iterator[None]:
+    """For as long as it lasts NumPy has `asfarray` again, which the package still calls and NumPy 2 no longer has."""
+    name = "asfarray"
+    if hasattr(np, name):
+        yield
+        return
+    setattr(np, name, lambda a: np.asarray(a, float))
+    try:
+        yield
+    finally:
+        delattr(np, name)
+
+
+def _emva1288_figures(series: FlatSeries) -> Figures:
     from emva1288.process import Data1288, Results1288
     from emva1288.process.routines import get_int_imgs
 

@@ -26,7 +26,8 @@ def render(run: Run) -> Made:
     world, settings = run.world, run.scene.render
     renderers = ("fast", "irradiance", "path", "stage")
     code = code_digest(*[f"testfield.render.{name}" for name in renderers], "testfield.seeds")
-    surroundings = (world.panels, world.marks, world.lights, world.ambient_radiance, world.field.bits, world.meshes)
+    shapes = (world.panels, world.marks, world.dirt, world.field.bits, world.meshes)
+    surroundings = (shapes, world.lights, world.ambient_radiance)
     device = os.environ.get("TESTFIELD_VARIANT", "")
     light_key = digest(code, device, surroundings, settings.light_spacing_mm, settings.light_paths, world.seed)
     fast = settings.mode == "fast"

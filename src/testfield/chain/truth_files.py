@@ -30,6 +30,7 @@ def _marks(run: Run, path: Path) -> None:
     xyz, normal = world.mark_world_mm, world.mark_normal
     columns = {
         "panel": [world.panels.name[k] for k in marks.panel], "role": [ROLES[k] for k in marks.role],
+        "clean": run.views.clean,
         "board": marks.board, "point": marks.point, "code": marks.code, "diameter_mm": marks.diameter_mm,
         **{f"{axis}_mm": xyz[:, k] for k, axis in enumerate("xyz")},
         **{f"normal_{axis}": normal[:, k] for k, axis in enumerate("xyz")},

@@ -1,4 +1,4 @@
-"""`testfield list`: the algorithms, by stage."""
+"""`testfield list`: the algorithms, by stage, and the sensors that have presets."""
 
 import argparse
 from typing import Any
@@ -13,10 +13,16 @@ def add(commands: Any) -> None:
 def act(args: argparse.Namespace) -> int:
     """Print name and first sentence of each."""
     from testfield.registry import STAGES, find, names
+    from testfield.sensor.presets import presets
 
     for stage in STAGES:
         print(stage)
         for name in names(stage):
             text = (find(stage, name).__doc__ or "").strip().split("\n")[0]
             print(f"  {name:<16} {text}")
+    print("sensors (sensor.preset)")
+    for name, figures in presets().items():
+        doubt = "" if figures["verified"] else " (not verified)"
+        print(f"  {name:<16} {figures['description']}{doubt}")
+        print(f"  {'':<16} {figures['source']}")
     return 0

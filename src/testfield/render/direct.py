@@ -83,8 +83,8 @@ def compute_direct(world: World, scene: Any) -> DirectLight:
 def _places(world: World, panel: np.ndarray, uv: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """World points just above panels, their normals, and the panels."""
     local = (uv - 0.5) * world.panels.size_mm[panel]
-    R, t = world.panels.world_from_panel.R[panel], world.panels.world_from_panel.t_mm[panel]
-    return np.einsum("nij,nj->ni", R[:, :, :2], local) + t + 0.02 * R[:, :, 2], R[:, :, 2], panel
+    points, frames = world.panels.place(panel, local)
+    return points + 0.02 * frames[:, :, 2], frames[:, :, 2], panel
 
 
 def _interpolation_error(coarse: np.ndarray, fine: np.ndarray) -> float:
@@ -153,9 +153,11 @@ def _may_be_hidden(world: World, light: AreaLight, points_mm: np.ndarray, own_pa
 
     for k, size in enumerate(world.panels.size_mm):
         R, t = world.panels.world_from_panel.R[k], world.panels.world_from_panel.t_mm[k]
-        if np.all((centre - t) @ R[:, 2] > radius) and np.all((points_mm - t) @ R[:, 2] >= -1e-6):
+        bent = world.panels.bent[k]
+        if not bent and np.all((centre - t) @ R[:, 2] > radius) and np.all((points_mm - t) @ R[:, 2] >= -1e-6):
             continue  # lamp and points all lie before this wall
-        doubtful |= in_the_way(t, np.hypot(*size) / 2) & (own_panel != k)
+        other = (own_panel != k) | (world.panels.curvature_per_mm[k] < 0)  # a hollow panel may shade itself
+        doubtful |= in_the_way(t, np.hypot(*size) / 2) & other
     for mesh in world.meshes:
         doubtful |= in_the_way(*mesh.sphere)
     return doubtful

@@ -126,11 +126,11 @@ class _View:
         import drjit as dr
 
         if self.target is None:
-            return _first(self.stage.scene, rays), rays
+            return _first(self.stage, self.stage.scene, rays), rays
         # Light takes no time: to meet what has moved is to meet it at rest with a ray that moved the other way.
         turned = [self.target.turn_back(v, rays.time) for v in (rays.direction, rays.by_x, rays.by_y)]
         moved = Rays(self.target.rest(rays.origin, rays.time), turned[0], turned[1], turned[2], rays.time)
-        still, moving = _first(self.stage.still, rays), _first(self.stage.moving, moved)
+        still, moving = _first(self.stage, self.stage.still, rays), _first(self.stage, self.stage.moving, moved)
         nearer = moving.t < still.t
         chosen = [
             dr.select(nearer, a, b)
@@ -144,10 +144,13 @@ class _View:
         return dr.select(nearer, moving, still), Rays(chosen[0], chosen[1], chosen[2], chosen[3], rays.time)
 
 
-def _first(scene: Any, rays: Rays) -> Any:
+def _first(stage: Stage, scene: Any, rays: Rays) -> Any:
     mi = mitsuba()
     import drjit as dr
 
     ray = mi.Ray3f(rays.origin, rays.direction / dr.norm(rays.direction))
     flags = mi.RayFlags.Minimal | mi.RayFlags.UV | mi.RayFlags.dPdUV
-    return scene.ray_intersect(ray, ray_flags=flags, coherent=True)
+    hit = scene.ray_intersect(ray, ray_flags=flags, coherent=True)
+    if stage.texture.bent:
+        hit = stage.texture.bent.refine(hit, ray, stage.texture.panel(hit), hit.is_valid())
+    return hit

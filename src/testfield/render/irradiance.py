@@ -88,11 +88,11 @@ def compute_irradiance(
     position, normal, tangent = [], [], []
     for k, (rows, columns) in enumerate(shapes):
         u, v = np.meshgrid((np.arange(columns) + 0.5) / columns, (np.arange(rows) + 0.5) / rows)
-        rotation, origin = world.panels.world_from_panel.R[k], world.panels.world_from_panel.t_mm[k]
         local = np.column_stack([(u.ravel() - 0.5), (v.ravel() - 0.5)]) * world.panels.size_mm[k]
-        position.append(local @ rotation[:, :2].T + origin + 0.02 * rotation[:, 2])
-        normal.append(np.broadcast_to(rotation[:, 2], (u.size, 3)))
-        tangent.append(np.broadcast_to(rotation[:, 0], (u.size, 3)))
+        place, frame = world.panels.place(np.full(u.size, k), local)
+        position.append(place + 0.02 * frame[:, :, 2])
+        normal.append(frame[:, :, 2])
+        tangent.append(frame[:, :, 0])
     points, normals, tangents = (np.concatenate(part) for part in (position, normal, tangent))
     mean, variance = _estimate(stage, points, normals, tangents, paths, seed, progress)
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from testfield.render.variant import mitsuba
-from testfield.scene.world import Panels, TrueMarks
+from testfield.scene.world import Dirt, Panels, TrueMarks
 from testfield.targets.marks import RING_INNER, RING_OUTER
 from testfield.targets.ring_code import word_of_number
 
@@ -19,7 +19,7 @@ from testfield.targets.ring_code import word_of_number
 class PatternTables:
     """Look-up tables on the device: panels, marks, and for each panel a grid of cells that lists nearby marks."""
 
-    def __init__(self, panels: Panels, marks: TrueMarks, bits: int):
+    def __init__(self, panels: Panels, marks: TrueMarks, bits: int, dirt: Dirt | None = None):
         mi = mitsuba()
         self.bits = bits
         extent = marks.printed_radius_mm
@@ -41,6 +41,7 @@ class PatternTables:
         if len(marks):
             self.x, self.y = (mi.Float(marks.xy_mm[:, k].astype(np.float32)) for k in (0, 1))
             self.radius, self.word = mi.Float(marks.diameter_mm / 2), mi.UInt32(words)
+        self.dirt = DirtTables(panels, dirt) if dirt is not None and len(dirt) else None
 
     def coverage(self, panel: Any, uv: Any, duv_dx: Any, duv_dy: Any, parts: int) -> Any:
         """Fraction of the footprint that is ink, in [0, 1].
@@ -110,6 +111,61 @@ class PatternTables:
 
         ring = sector(RING_OUTER * radius) - sector(RING_INNER * radius)
         return inside(radius) + dr.select(word > 0, ring, 0)
+
+
+class DirtTables:
+    """Look-up tables on the device of spots of dirt, found through a grid of cells as the marks are."""
+
+    def __init__(self, panels: Panels, dirt: Dirt):
+        mi = mitsuba()
+        cells = [
+            _cells(size, dirt.xy_mm, dirt.radius_mm, np.flatnonzero(dirt.panel == k))
+            for k, size in enumerate(panels.size_mm)
+        ]
+        self.candidates = max(cell.shape[2] for cell in cells)
+        padded = [np.pad(c, ((0, 0), (0, 0), (0, self.candidates - c.shape[2])), constant_values=-1) for c in cells]
+        self.width, self.height = (mi.Float(panels.size_mm[:, k].astype(np.float32)) for k in (0, 1))
+        self.start = mi.UInt32(np.cumsum([0] + [p.size for p in padded[:-1]]))
+        self.columns, self.rows = mi.UInt32([c.shape[1] for c in cells]), mi.UInt32([c.shape[0] for c in cells])
+        self.list = mi.Int32(np.concatenate([p.ravel() for p in padded]))
+        self.x, self.y = (mi.Float(dirt.xy_mm[:, k].astype(np.float32)) for k in (0, 1))
+        self.radius, self.albedo = mi.Float(dirt.radius_mm), mi.Float(dirt.albedo)
+
+    def over(self, below: Any, panel: Any, uv: Any, duv_dx: Any, duv_dy: Any, parts: int) -> Any:
+        """Reflectance with the spots over that of the print, `below`.
+
+        Where a spot's edge crosses a mark's within one footprint, what lies under the spot is taken as the footprint's
+        mean.
+        """
+        mi = mitsuba()
+        import drjit as dr
+
+        width, height = dr.gather(mi.Float, self.width, panel), dr.gather(mi.Float, self.height, panel)
+        x, y = (uv.x - 0.5) * width, (uv.y - 0.5) * height
+        xx, xy, yx, yy = duv_dx.x * width, duv_dy.x * width, duv_dx.y * height, duv_dy.y * height
+        columns, rows = dr.gather(mi.UInt32, self.columns, panel), dr.gather(mi.UInt32, self.rows, panel)
+        column = mi.UInt32(dr.clip(uv.x * mi.Float(columns), 0, mi.Float(columns) - 1))
+        row = mi.UInt32(dr.clip(uv.y * mi.Float(rows), 0, mi.Float(rows) - 1))
+        first = dr.gather(mi.UInt32, self.start, panel) + (row * columns + column) * self.candidates
+        middle = (np.arange(parts) + 0.5) / parts - 0.5
+        for k in range(self.candidates):
+            spot = dr.gather(mi.Int32, self.list, first + k)
+            here, index = spot >= 0, mi.UInt32(dr.maximum(spot, 0))
+            dx = x - dr.gather(mi.Float, self.x, index, here)
+            dy = y - dr.gather(mi.Float, self.y, index, here)
+            radius = dr.gather(mi.Float, self.radius, index, here)
+            covered = mi.Float(0)
+            for a, b in ((float(a), float(b)) for a in middle for b in middle):
+                px, py = dx + a * xx + b * xy, dy + a * yx + b * yy
+                r = dr.maximum(dr.sqrt(px * px + py * py), 1e-6)
+                nx, ny = px / r, py / r
+                radial = ((nx * xx + ny * yx) / parts, (nx * xy + ny * yy) / parts)
+                tangential = ((ny * xx - nx * yx) / parts, (ny * xy - nx * yy) / parts)
+                sag = (tangential[0] ** 2 + tangential[1] ** 2) / (24 * dr.maximum(r, radius / 2))
+                covered += half_plane(radius - r - sag, radial)
+            covered = dr.select(here, covered / parts**2, 0)
+            below = below + covered * (dr.gather(mi.Float, self.albedo, index, here) - below)
+        return below
 
 
 def half_plane(distance: Any, gradient: tuple[Any, Any]) -> Any:
@@ -191,12 +247,19 @@ def pattern_texture_class() -> type:
             super().__init__(props)
             self.tables: PatternTables | None = None
             self.panel_of_shape: Any = None
+            self.bent: Any = None
 
         def panel(self, si: Any) -> Any:
             number: Any = dr.reinterpret_array(mi.UInt32, si.shape)
             return dr.gather(mi.UInt32, self.panel_of_shape, number)
 
         def eval_1(self, si, active=True):  # type: ignore[no-untyped-def]
+            if self.bent:
+                # The path tracer's hit, moved from the mesh to the surface along the ray that found it.
+                ray = mi.Ray3f(si.p, -si.to_world(si.wi))
+                at = mi.SurfaceInteraction3f(si)
+                at.t = mi.Float(0)
+                si = self.bent.refine(at, ray, self.panel(si), active)
             return self.reflectance(si, 1)
 
         def reflectance(self, si: Any, parts: int) -> Any:
@@ -205,7 +268,10 @@ def pattern_texture_class() -> type:
             panel = self.panel(si)
             ink = tables.coverage(panel, si.uv, si.duv_dx, si.duv_dy, parts)
             ground = dr.gather(mi.Float, tables.ground, panel)
-            return ground + ink * (dr.gather(mi.Float, tables.ink, panel) - ground)
+            printed = ground + ink * (dr.gather(mi.Float, tables.ink, panel) - ground)
+            if tables.dirt is None:
+                return printed
+            return tables.dirt.over(printed, panel, si.uv, si.duv_dx, si.duv_dy, parts)
 
         def eval(self, si, active=True):  # type: ignore[no-untyped-def]
             return mi.Color1f(self.eval_1(si, active))

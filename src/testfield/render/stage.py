@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from testfield.camera.pose import Poses
+from testfield.render.bent import BentPanels, bent_mesh
 from testfield.render.pattern import PatternTables, pattern_texture_class
 from testfield.render.variant import mitsuba
 from testfield.scene.world import TrueMesh, World
@@ -13,9 +14,9 @@ from testfield.scene.world import TrueMesh, World
 
 @dataclass(frozen=True)
 class Stage:
-    """`scene` the Mitsuba scene; `texture` the pattern all panels share, which also tells a hit's panel; `mesh_numbers`
-    Dr.Jit's numbers of the meshes' shapes; `still` and `moving` the same scene in two parts where the target moves
-    during the exposure."""
+    """`scene` the Mitsuba scene; `texture` the pattern all panels share, which also tells a hit's panel and holds the
+    exact surfaces of bent ones; `mesh_numbers` Dr.Jit's numbers of the meshes' shapes; `still` and `moving` the same
+    scene in two parts where the target moves during the exposure."""
 
     world: World
     scene: Any
@@ -34,8 +35,15 @@ def build_stage(world: World) -> Stage:
     texture = mi.load_dict({"type": "testfield_pattern"})
     paint = mi.load_dict({"type": "diffuse", "reflectance": texture})
     parts: dict[str, Any] = {"type": "scene"}
+    if world.panels.bent.any():
+        # By default rays may slip through between the triangles of a mesh.
+        parts["embree_use_robust_intersections"] = True
     for k, size in enumerate(world.panels.size_mm):
-        parts[f"panel{k:05d}"] = {
+        name = f"panel{k:05d}"
+        if world.panels.bent[k]:
+            parts[name] = bent_mesh(world.panels, k, name, paint)
+            continue
+        parts[name] = {
             "type": "rectangle",
             "to_world": _to_world(world.panels.world_from_panel, k, size),
             "bsdf": paint,
@@ -67,7 +75,9 @@ def build_stage(world: World) -> Stage:
     for k in range(len(world.panels)):
         table[numbers[f"panel{k:05d}"]] = k
     texture.panel_of_shape = mi.UInt32(table)
-    texture.tables = PatternTables(world.panels, world.marks, world.field.bits)
+    texture.tables = PatternTables(world.panels, world.marks, world.field.bits, world.dirt)
+    if world.panels.bent.any():
+        texture.bent = BentPanels(world.panels)
     bodies = tuple(numbers[f"mesh{k:05d}"] for k in range(len(world.meshes)))
     if not world.motion.target.moves:
         return Stage(world, scene, texture, bodies)

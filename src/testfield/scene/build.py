@@ -9,6 +9,7 @@ from testfield.camera.optics import Optics, entrance_pupil_mm
 from testfield.camera.pose import Poses
 from testfield.errors import TestfieldError
 from testfield.scene import generators
+from testfield.scene.bend import curvature_of, extent_mm
 from testfield.scene.frames import along, facing
 from testfield.scene.meshes import load_meshes
 from testfield.scene.schema import (
@@ -21,7 +22,7 @@ from testfield.scene.schema import (
     TargetMotionPart,
 )
 from testfield.scene.stickers import stickers
-from testfield.scene.world import BAR, BOARD, CHECK, AreaLight, Panels, TrueMarks, World
+from testfield.scene.world import BAR, BOARD, CHECK, AreaLight, Dirt, Panels, TrueMarks, World
 from testfield.seeds import generator
 from testfield.targets.field import Field, NominalBoard, ScaleBar
 from testfield.targets.marks import QUIET, Marks
@@ -42,18 +43,34 @@ class _Assembly:
         self.panels: list[tuple] = []
         self.marks: list[tuple] = []
 
-    def panel(self, name: str, R: np.ndarray, t: np.ndarray, size: tuple, thickness: float) -> int:
-        """A printed front and its plain back; returns the front's index."""
+    def panel(
+        self,
+        name: str,
+        R: np.ndarray,
+        t: np.ndarray,
+        size: tuple,
+        thickness: float,
+        curvature: float = 0.0,
+        axis_rad: float = 0.0,
+    ) -> int:
+        """A printed front and its plain back, bent alike; returns the front's index."""
         ground, ink = (self.black, self.white) if self.white_on_black else (self.white, self.black)
-        self.panels.append((name, R, t, size, ground, ink))
+        self.panels.append((name, R, t, size, ground, ink, curvature, axis_rad))
         behind = np.column_stack([-R[:, 0], R[:, 1], -R[:, 2]])
-        self.panels.append((f"{name} (back)", behind, t - thickness * R[:, 2], size, self.back, self.back))
+        # The back is bent about the same axis in space, so it is that much shorter (or longer) across it.
+        shrink = 1 - thickness * curvature
+        across = np.array([np.sin(axis_rad), np.cos(axis_rad)]) ** 2
+        back_size = np.array(size) * (1 + (shrink - 1) * across)
+        self.panels.append(
+            (f"{name} (back)", behind, t - thickness * R[:, 2], back_size, self.back, self.back,
+             -curvature / shrink, np.pi - axis_rad)
+        )  # fmt: skip
         return len(self.panels) - 2
 
     def sticker(self, name: str, R: np.ndarray, t: np.ndarray, size: tuple) -> int:
         """A printed front alone; returns its index."""
         ground, ink = (self.black, self.white) if self.white_on_black else (self.white, self.black)
-        self.panels.append((name, R, t, size, ground, ink))
+        self.panels.append((name, R, t, size, ground, ink, 0.0, 0.0))
         return len(self.panels) - 1
 
     def mark(
@@ -77,6 +94,7 @@ def build_world(scene: SceneFile) -> World:
     parts = _Assembly(scene)
 
     boards, board_R, board_t, keep_clear = [], [], [], []
+    spots: list[tuple] = []
     for k, board in enumerate(scene.boards):
         try:
             R, t = (
@@ -86,7 +104,14 @@ def build_world(scene: SceneFile) -> World:
         except ValueError as error:
             raise TestfieldError(str(error), f"boards[{k}].normal") from error
         nominal = nominal_board(board, scene.code_bits, k)
-        panel = parts.panel(board.name, R, t, board.size_mm, board.thickness_mm)
+        axis_rad = np.radians(board.bow_axis_deg)
+        curvature = curvature_of(board.bow_mm, extent_mm(board.size_mm, axis_rad))
+        if curvature * board.thickness_mm >= 1:
+            raise TestfieldError(
+                f"value {board.bow_mm}: the board is thicker than its radius of bending", f"boards[{k}].bow_mm",
+                "lower bow_mm or thickness_mm",
+            )  # fmt: skip
+        panel = parts.panel(board.name, R, t, board.size_mm, board.thickness_mm, curvature, axis_rad)
         drawn = generator(seed, f"print/{board.name}").normal(0, 1, nominal.marks.xy_mm.shape) * board.print_sigma_mm
         true_xy = nominal.marks.xy_mm * (1 + scale_error) + drawn
         for i, xy in enumerate(true_xy):
@@ -96,6 +121,11 @@ def build_world(scene: SceneFile) -> World:
                 parts.mark(panel, np.array(check.xy_mm), check.diameter_mm, check.code, CHECK)
             elif isinstance(check, CheckOnBoard) and check.board not in {b.name for b in scene.boards}:
                 raise TestfieldError(f"no board is called '{check.board}'", f"check_targets[{number}].board")
+        if board.dirt:
+            free = np.maximum(np.array(board.size_mm) - board.dirt.diameter_mm, 0) / 2
+            rng = generator(seed, f"dirt/{board.name}/{board.dirt.seed}")
+            for xy in rng.uniform(-free, free, (board.dirt.count, 2)):
+                spots.append((panel, xy, board.dirt.diameter_mm / 2, board.dirt.albedo))
         boards.append(nominal)
         board_R.append(R)
         board_t.append(t)
@@ -149,6 +179,8 @@ def build_world(scene: SceneFile) -> World:
                 surface.size_mm,
                 surface.albedo,
                 surface.albedo,
+                0.0,
+                0.0,
             )
         )
 
@@ -174,6 +206,7 @@ def build_world(scene: SceneFile) -> World:
         Poses(np.array(board_R), np.array(board_t)), tuple(names), Poses(station_R, station_t), true_interior(scene),
         scene.camera.psf_sigma_px, lights, scene.room.ambient_w_m2_sr, field, meshes,
         true_optics(scene), true_motion(scene),
+        Dirt(*(np.array(column) for column in zip(*spots, strict=True))) if spots else Dirt(),
     )  # fmt: skip
 
 
@@ -270,10 +303,10 @@ def _grid(zone: ExtensionZone | RecognitionZone) -> np.ndarray:
 
 def _panels(parts: _Assembly, carried: int) -> Panels:
     """All panels, the first `carried` of which belong to the target and the rest to the room."""
-    name, R, t, size, ground, ink = zip(*parts.panels, strict=True)
+    name, R, t, size, *rest = zip(*parts.panels, strict=True)
+    ground, ink, curvature, axis = (np.array(column) for column in rest)
     of_room = np.arange(len(name)) >= carried
-    poses = Poses(np.array(R), np.array(t))
-    return Panels(name, poses, np.array(size, float), np.array(ground), np.array(ink), of_room)
+    return Panels(name, Poses(np.array(R), np.array(t)), np.array(size, float), ground, ink, curvature, axis, of_room)
 
 
 def _marks(parts: _Assembly) -> TrueMarks:

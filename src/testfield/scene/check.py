@@ -4,7 +4,9 @@ import numpy as np
 
 from testfield.camera.project import directions
 from testfield.errors import TestfieldError
+from testfield.scene.bend import to_paper
 from testfield.scene.blur import streaks_px
+from testfield.scene.exposure import check_exposure
 from testfield.scene.meshes import inside
 from testfield.scene.schema import BoardPart, MeshPart, ScaleBarPart, SceneFile, SurfacePart
 from testfield.scene.truth import Views
@@ -27,7 +29,8 @@ def check_scene(scene: SceneFile, world: World, views: Views, source: str) -> li
     _marks_fit(scene, world, source)
     _stations_stand_free(world, source)
     _stations_see(world, views, source)
-    return _sizes(world, views, source) + _joined(world, views, source) + _lit(scene, source)
+    unlit = _lit(scene, source) + check_exposure(scene, world, source)
+    return _sizes(world, views, source) + _joined(world, views, source) + unlit
 
 
 def _possible_optics(scene: SceneFile, world: World, source: str) -> None:
@@ -152,6 +155,10 @@ def _stations_stand_free(world: World, source: str) -> None:
         if name.endswith(" (back)") or k in stickers:
             continue
         local = (eyes - world.panels.world_from_panel.t_mm[k]) @ world.panels.world_from_panel.R[k]
+        curve = (
+            np.full(len(local), values[k]) for values in (world.panels.curvature_per_mm, world.panels.bend_axis_rad)
+        )
+        local = to_paper(local, *curve)
         over = np.all(np.abs(local[:, :2]) <= world.panels.size_mm[k] / 2, axis=1)
         if name in pairs:  # a board or a card: the body between front and back
             back = world.panels.world_from_panel.t_mm[pairs[name]] - world.panels.world_from_panel.t_mm[k]
@@ -194,7 +201,7 @@ def _sizes(world: World, views: Views, source: str) -> list[str]:
     warnings = []
     for b, sheet in enumerate(world.field.boards):
         if not (largest[world.marks.board == b] > 0).any():
-            warnings.append(f"{source}: board '{sheet.name}' is seen by no station")
+            warnings.append(f"{source}: board '{sheet.name}' is seen by no station{_why_unseen(world, views, b)}")
     never = np.flatnonzero(largest == 0)
     if len(never):
         warnings.append(f"{source}: {len(never)} of {len(coded)} marks are fully seen by no station")
@@ -207,6 +214,17 @@ def _sizes(world: World, views: Views, source: str) -> list[str]:
             f"'{panel}' is {largest[k]:.1f} px wide at best and needs {DECODABLE_PX:.0f}"
         )
     return warnings
+
+
+def _why_unseen(world: World, views: Views, board: int) -> str:
+    """Why no station sees a board, with the field to change; nothing where it is not one of the plain reasons."""
+    marks = world.marks.board == board
+    depth = world.camera_from_world.R[:, 2] @ world.mark_world_mm[marks].T + world.camera_from_world.t_mm[:, 2:]
+    if (views.obliquity_deg[:, marks] >= 90).all():
+        return f": it faces away from all of them (boards[{board}].normal)"
+    if (depth <= 0).all():
+        return f": it lies behind all of them (boards[{board}].position_mm)"
+    return ""
 
 
 def _joined(world: World, views: Views, source: str) -> list[str]:

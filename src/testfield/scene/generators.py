@@ -18,6 +18,10 @@ from testfield.scene.schema import (
 )
 from testfield.seeds import generator
 
+LARGEST_BOX_MM = 1e6
+MOST_IN_VAIN = 2000
+"""Random places tried in a row without finding one more."""
+
 
 def stations(parts: tuple[StationPart, ...], seed: int) -> tuple[list[str], np.ndarray, np.ndarray]:
     """Names, rotations (n, 3, 3) and translations (n, 3) of camera-from-world poses."""
@@ -98,15 +102,30 @@ def _random_places(
     part: CheckRandom, number: int, seed: int, clear_of: list[tuple[np.ndarray, float]]
 ) -> tuple[np.ndarray, np.ndarray]:
     rng = generator(seed, f"check_targets/{number}/{part.seed}")
+    edges_mm = np.subtract(part.high_mm, part.low_mm)
+    if edges_mm.max() > LARGEST_BOX_MM:
+        raise TestfieldError(
+            f"the box is {edges_mm.max():.3g} mm long", f"check_targets[{number}].high_mm",
+            f"give millimetres, {LARGEST_BOX_MM:.0g} at most",
+        )  # fmt: skip
+    # No packing of spheres is denser than 0.7405; sieving at random finds no more than about half of that.
+    fits = 0.7405 * np.prod(edges_mm + part.spacing_mm) / (np.pi / 6 * max(part.spacing_mm, 1e-9) ** 3)
+    if part.count > fits:
+        raise TestfieldError(
+            f"{part.count} targets {part.spacing_mm:g} mm apart do not fit in the box", f"check_targets[{number}]",
+            "enlarge the box, or lower count or spacing_mm",
+        )  # fmt: skip
     places: list[np.ndarray] = []
-    for _ in range(2000 * part.count):
+    centres, radii = np.array([c for c, _ in clear_of]).reshape(-1, 3), np.array([r for _, r in clear_of])
+    in_vain = 0
+    while len(places) < part.count and in_vain < MOST_IN_VAIN:
         place = rng.uniform(part.low_mm, part.high_mm)
-        apart = all(np.linalg.norm(place - other) >= part.spacing_mm for other in places)
-        if apart and all(np.linalg.norm(place - centre) > radius for centre, radius in clear_of):
+        in_vain += 1
+        apart = not places or np.linalg.norm(place - np.array(places), axis=1).min() >= part.spacing_mm
+        if apart and (np.linalg.norm(place - centres, axis=1) > radii).all():
             places.append(place)
-            if len(places) == part.count:
-                break
-    else:
+            in_vain = 0
+    if len(places) < part.count:
         raise TestfieldError(
             f"only {len(places)} of {part.count} targets find a place", f"check_targets[{number}]",
             "enlarge the box, or lower count or spacing_mm",

@@ -1,8 +1,9 @@
 """The scene file: every field a person can write, with its unit, its default and what it means."""
 
+import math
 import re
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import (
     AfterValidator,
@@ -14,6 +15,9 @@ from pydantic import (
     PrivateAttr,
     model_validator,
 )
+
+from testfield.scene.bend import curvature_of, extent_mm
+from testfield.sensor.presets import presets, with_preset
 
 Vector3 = tuple[float, float, float]
 Pair = tuple[float, float]
@@ -47,6 +51,15 @@ def _direction(vector: Vector3) -> Vector3:
 
 
 Direction = Annotated[Vector3, AfterValidator(_direction)]
+
+
+def _preset(name: str) -> str:
+    if name not in presets():
+        raise ValueError(f"no such sensor; known are {', '.join(sorted(presets()))}")
+    return name
+
+
+PresetName = Annotated[str, AfterValidator(_preset)]
 
 
 class _Part(BaseModel):
@@ -145,6 +158,12 @@ class CameraPart(_Part):
 class SensorPart(_Part):
     """The sensor, with the figures of an EMVA 1288 data sheet. The defaults are of a global-shutter CMOS of 3.45 um."""
 
+    preset: PresetName | None = Field(
+        None,
+        exclude=True,  # by then its figures stand in the other fields
+        description="A sensor of `testfield list`: its data sheet's figures stand wherever the scene gives none, also "
+        "for the camera's width_px, height_px and pixel_pitch_um.",
+    )
     bits: int = Field(12, ge=8, le=16, description="Bits of the converter; stored in 16-bit PNG.")
     quantum_efficiency: float = Field(0.63, gt=0, le=1, description="Electrons a photon at the wavelength.")
     full_well_e: PositiveFloat = Field(10400, description="Electrons at which a pixel saturates.")
@@ -206,8 +225,17 @@ class RecognitionZone(_Part):
     codes: tuple[PositiveInt, ...] | None = Field(None, description="Numbers one by one instead of first_code.")
 
 
+class DirtPart(_Part):
+    """Round spots of dirt at random places of a board, over ground and marks."""
+
+    count: Count = Field(description="How many.")
+    diameter_mm: PositiveFloat = Field(description="Diameter of each.")
+    albedo: float = Field(0.25, ge=0, le=0.95, description="Diffuse reflectance.")
+    seed: int = Field(0, ge=0, description="Another seed gives another arrangement.")
+
+
 class BoardPart(_Part):
-    """A flat sub-board with its two zones."""
+    """A sub-board with its two zones: flat by its certificate, and in truth where `bow_mm` is 0."""
 
     name: Label = Field(description="Unique name.")
     size_mm: Size = Field((1100, 800), description="Width and height.")
@@ -220,6 +248,22 @@ class BoardPart(_Part):
     print_sigma_mm: float = Field(
         0.01, ge=0, le=10, description="Standard deviation of each mark's true x and y about the nominal."
     )
+    bow_mm: float = Field(
+        0,
+        description="How far the middle stands out from the edges across the bending axis, positive towards the "
+        "viewer: the printed sheet is bent to a circular cylinder without stretching, and its certificate knows "
+        "nothing of it.",
+    )
+    bow_axis_deg: float = Field(
+        90, description="Direction of the bending axis on the board, counter-clockwise from its x; 90 is upright."
+    )
+
+    dirt: DirtPart | None = Field(None, description="Spots of dirt; absent for a clean board.")
+
+    @model_validator(mode="after")
+    def _bendable(self) -> "BoardPart":
+        curvature_of(self.bow_mm, extent_mm(self.size_mm, math.radians(self.bow_axis_deg)))
+        return self
 
 
 class ScaleBarPart(_Part):
@@ -447,6 +491,11 @@ class MeasurePart(_Part):
 
 class SceneFile(_Part):
     """A scene: the field as it truly is, the camera that sees it, and how it is measured."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _with_preset(cls, data: Any) -> Any:
+        return with_preset(data) if isinstance(data, dict) else data
 
     name: Name = Field(description="Name of the scene, also of its run's folder.")
     description: str = Field("", description="One sentence for the report.")

@@ -8,21 +8,25 @@ from testfield.camera.interior import Interior
 from testfield.camera.motion import UNMOVED, Motion
 from testfield.camera.optics import PINHOLE, Optics
 from testfield.camera.pose import Poses
+from testfield.scene import bend
 from testfield.targets.field import Field
 from testfield.targets.marks import RING_OUTER
 
 BOARD, BAR, CHECK = 0, 1, 2
 """What a mark serves: a board's layout, an end of a scale bar, a check target."""
+CLEAN_POINTS = 4096
 ROLES = ("board", "bar", "check")
 
 
 @dataclass(frozen=True)
 class Panels:
-    """Flat rectangles, the surfaces of the world: fronts and backs of boards, cards, floor, walls.
+    """Rectangles, flat or bent, the surfaces of the world: fronts and backs of boards, cards, floor, walls.
 
     `world_from_panel` (n) poses; the panel's frame has its origin in the middle, x right, y up, z out of the side
-    that is seen. `size_mm` (n, 2); `ground_albedo`, `ink_albedo` (n,) diffuse reflectance beside and on the marks;
-    `of_room` (n,) whether it belongs to the room, which stands still where the target moves; absent for none.
+    that is seen. `size_mm` (n, 2); `ground_albedo`, `ink_albedo` (n,) diffuse reflectance beside and on the marks.
+    `curvature_per_mm`, `bend_axis_rad` (n,) as in `bend.py`, where absent all panels are flat; x and y of a bent panel
+    are those of its flat paper. `of_room` (n,) whether it belongs to the room, which stands still where the target
+    moves; where absent none does.
     """
 
     name: tuple[str, ...]
@@ -30,10 +34,31 @@ class Panels:
     size_mm: np.ndarray
     ground_albedo: np.ndarray
     ink_albedo: np.ndarray
-    of_room: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))
+    curvature_per_mm: np.ndarray = None  # type: ignore[assignment]
+    bend_axis_rad: np.ndarray = None  # type: ignore[assignment]
+    of_room: np.ndarray = None  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        for name, kind in (("curvature_per_mm", float), ("bend_axis_rad", float), ("of_room", bool)):
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, np.zeros(len(self.name), kind))
 
     def __len__(self) -> int:
         return len(self.name)
+
+    @property
+    def bent(self) -> np.ndarray:
+        """(n,) which panels are not flat."""
+        return self.curvature_per_mm != 0
+
+    def place(self, panel: np.ndarray, xy_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Points (n, 3) in the world of paper coordinates (n, 2) on panels (n,), and the surface's frames there.
+
+        Frames (n, 3, 3) have as columns the directions of paper x and paper y and the normal.
+        """
+        curve = self.curvature_per_mm[panel], self.bend_axis_rad[panel]
+        poses = self.world_from_panel[panel]
+        return poses.apply(bend.to_space(xy_mm, *curve)), poses.R @ bend.frames(xy_mm, *curve)
 
 
 @dataclass(frozen=True)
@@ -59,6 +84,19 @@ class TrueMarks:
     def printed_radius_mm(self) -> np.ndarray:
         """(n,) radius of the circle that holds everything printed: the dot, or the ring's outer edge."""
         return self.diameter_mm / 2 * np.where(self.code > 0, RING_OUTER, 1.0)
+
+
+@dataclass(frozen=True)
+class Dirt:
+    """Round spots over whatever is printed: `panel` (n,), `xy_mm` (n, 2) on it, `radius_mm`, `albedo` (n,)."""
+
+    panel: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
+    xy_mm: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
+    radius_mm: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    albedo: np.ndarray = field(default_factory=lambda: np.zeros(0))
+
+    def __len__(self) -> int:
+        return len(self.panel)
 
 
 @dataclass(frozen=True)
@@ -110,7 +148,8 @@ class World:
     `camera_from_world` (stations) poses, `interior` the true interior orientation, `psf_sigma_px` the optics' blur,
     `ambient_radiance` in W/(m^2 sr) from all around, `field` what the measuring side is told, `field_diagonal_mm` of
     the declared measuring volume, `meshes` bodies of other shapes than panels, `optics` depth of field, diffraction,
-    vignetting, `motion` while the shutter is open: the world is as it stands in the middle of the exposure.
+    vignetting, `motion` while the shutter is open: the world is as it stands in the middle of the exposure; `dirt` the
+    spots on its panels.
     """
 
     name: str
@@ -129,14 +168,33 @@ class World:
     meshes: tuple[TrueMesh, ...] = ()
     optics: Optics = PINHOLE
     motion: Motion = UNMOVED
+    dirt: Dirt = Dirt()
+
+    @property
+    def mark_clean(self) -> np.ndarray:
+        """(n,) part of each mark's printed circle that no dirt covers: 1 only where none touches it.
+
+        Counted on a lattice of `CLEAN_POINTS` points, the same for every mark.
+        """
+        marks, dirt = self.marks, self.dirt
+        clean = np.ones(len(marks))
+        k = np.arange(CLEAN_POINTS)
+        radius, turn = np.sqrt((k + 0.5) / CLEAN_POINTS), k * np.pi * (3 - np.sqrt(5))
+        lattice = np.column_stack([radius * np.cos(turn), radius * np.sin(turn)])
+        for m, reach in enumerate(marks.printed_radius_mm):
+            offset = dirt.xy_mm - marks.xy_mm[m]
+            near = (dirt.panel == marks.panel[m]) & (np.linalg.norm(offset, axis=1) < reach + dirt.radius_mm)
+            if near.any():
+                gap = np.linalg.norm(reach * lattice[:, None] - offset[near], axis=-1) - dirt.radius_mm[near]
+                clean[m] = min(float((gap > 0).all(axis=1).mean()), 1 - 1 / CLEAN_POINTS)
+        return clean
 
     @property
     def mark_world_mm(self) -> np.ndarray:
         """(n, 3) true positions of all marks in the world."""
-        xyz = np.column_stack([self.marks.xy_mm, np.zeros(len(self.marks))])
-        return self.panels.world_from_panel[self.marks.panel].apply(xyz)
+        return self.panels.place(self.marks.panel, self.marks.xy_mm)[0]
 
     @property
     def mark_normal(self) -> np.ndarray:
         """(n, 3) unit normals of the surfaces under the marks, in the world."""
-        return self.panels.world_from_panel.R[self.marks.panel][:, :, 2]
+        return self.panels.place(self.marks.panel, self.marks.xy_mm)[1][:, :, 2]

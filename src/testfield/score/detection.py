@@ -1,7 +1,7 @@
 """Detections against the truth: expected, found, missed and why, false, wrong; and the centres' errors."""
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -19,7 +19,8 @@ EXPECTED_PX = 8.0
 class DetectionScore:
     """`station`, `mark` (k,) of each rightly identified observation; `row` (k,) its place among the observations;
     `error_px` (k, 2) measured minus true; `nees` (k,) squared error in units of the claimed covariance.
-    `expected`, `found` (stations, marks) booleans; `missed` why, counted; `wrong_code` and `false` row indices."""
+    `expected`, `found`, `dirty` (stations, marks) booleans, the last of targets that would be expected but for dirt;
+    `missed` why, counted; `wrong_code` and `false` row indices."""
 
     station: np.ndarray
     mark: np.ndarray
@@ -32,6 +33,7 @@ class DetectionScore:
     wrong_code: np.ndarray
     wrong_dot: np.ndarray
     false: np.ndarray
+    dirty: np.ndarray = field(default_factory=lambda: np.zeros((1, 1), bool))
 
     def card(self) -> dict:
         """The figures under their stable keys."""
@@ -43,6 +45,8 @@ class DetectionScore:
             "found_fraction": found / expected if expected else 1.0,
             "missed": expected - found,
             "missed_reasons": dict(sorted(self.missed.items())),
+            "dirty": int(self.dirty.sum()),
+            "dirty_found": int((self.dirty & self.found).sum()),
             "false": len(self.false),
             "wrong_code": len(self.wrong_code),
             "wrong_dot": len(self.wrong_dot),
@@ -63,6 +67,8 @@ def score_detection(world: World, views: Views, observations: Observations) -> D
     by_point = {(int(b), int(p)): k for k, (b, p) in enumerate(zip(marks.board, marks.point, strict=True)) if b >= 0}
     true_px = views.disc_px if observations.centre_of_disc else views.centre_px
     expected = (views.visible == 1) & (views.diameter_px >= EXPECTED_PX)
+    clean = np.broadcast_to(views.clean, expected.shape)
+    dirty = (clean < 1) & (clean > 0) & (views.visible == clean) & (views.diameter_px >= EXPECTED_PX)
     found = np.zeros(expected.shape, bool)
     number = {name: k for k, name in enumerate(world.station_name)}
     unknown = sorted(set(observations.stations) - set(number))
@@ -103,7 +109,7 @@ def score_detection(world: World, views: Views, observations: Observations) -> D
     return DetectionScore(
         station[index], mark, index, error, (white**2).sum(axis=1), expected, found,
         _why_missed(expected & ~found, true_px, views, observations, station),
-        np.array(wrong_code, int), np.array(wrong_dot, int), np.array(false, int),
+        np.array(wrong_code, int), np.array(wrong_dot, int), np.array(false, int), dirty,
     )  # fmt: skip
 
 

@@ -1,0 +1,89 @@
+"""How bright the boards' white will be, estimated before anything is rendered, from light that comes straight to them.
+
+Shadows are judged by one ray from the middle of each lamp, light from all around by few directions, and reflected light
+is left out: good to some tens of percent, which is enough to tell a wrong exposure from a right one.
+"""
+
+import numpy as np
+
+from testfield.errors import TestfieldError
+from testfield.scene.schema import SceneFile
+from testfield.scene.truth import hidden
+from testfield.scene.world import World
+from testfield.sensor.expose import Sensor
+
+LAMP_NODES, SKY_DIRECTIONS = 4, 64
+FAR_MM = 1e6
+FULL, WISHED, LEAST_CONTRAST = 0.95, 0.7, 20.0
+"""Parts of saturation that count as full and that are advised; the least contrast in sigmas of white's noise."""
+
+
+def check_exposure(scene: SceneFile, world: World, source: str) -> list[str]:
+    """Warnings of boards whose white would saturate or drown in noise. Raises `TestfieldError` where no light falls."""
+    if not len(world.field.boards):
+        return []
+    irradiance = board_irradiance(world)
+    if not any(np.any(light > 0) for light in irradiance):
+        raise TestfieldError(
+            "no board receives any light: every lamp shines away from them, and there is none from all around",
+            f"{source}, room.lights", "turn `normal` of the lamps to the boards, or give room.ambient_w_m2_sr",
+        )  # fmt: skip
+    sensor = Sensor(
+        pixel_pitch_um=scene.camera.pixel_pitch_um, f_number=scene.camera.f_number, time_ms=scene.exposure.time_ms,
+        **scene.sensor.model_dump(),
+    )  # fmt: skip
+    sheet, where = sensor.sheet, f"{source}, exposure.time_ms = {scene.exposure.time_ms:g}"
+    dn_per_irradiance = sensor.electrons_per_radiance / sensor.gain_e_per_dn / np.pi
+    room_dn = sheet.saturation_dn - sheet.black_level_dn
+    brightest = scene.paint.white * dn_per_irradiance * max(float(light.max()) for light in irradiance)
+    fits_ms = scene.exposure.time_ms * WISHED * room_dn / brightest
+    warnings = []
+    for board, light in zip(world.field.boards, irradiance, strict=True):
+        white_dn = scene.paint.white * dn_per_irradiance * float(light.max())
+        level = f"about {sheet.black_level_dn + white_dn:.0f} DN, and {sheet.saturation_dn:.0f} is the most"
+        if white_dn > FULL * room_dn:
+            warnings.append(f"{where}: the white of board '{board.name}' saturates ({level}); try {fits_ms:.2g} ms")
+            continue
+        typical_dn = scene.paint.white * dn_per_irradiance * float(np.median(light))
+        contrast_dn = typical_dn * (1 - scene.paint.black / scene.paint.white)
+        noise_dn = float(np.sqrt(sheet.variance_dn2(np.array(sheet.black_level_dn + typical_dn))))
+        if contrast_dn < LEAST_CONTRAST * noise_dn:
+            warnings.append(
+                f"{where}: board '{board.name}' is left in the dark (white is {contrast_dn:.1f} DN above black, "
+                f"{contrast_dn / noise_dn:.1f} times the noise); try {fits_ms:.2g} ms, or more light"
+            )
+    return warnings
+
+
+def board_irradiance(world: World) -> list[np.ndarray]:
+    """Irradiance in W/m^2 that comes straight to each board's marks: one array (marks,) a board."""
+    points, frames = world.panels.place(world.marks.panel, world.marks.xy_mm)
+    normals, panel = frames[:, :, 2], world.marks.panel
+    points = points + 0.02 * normals
+    total = np.zeros(len(points))
+    node, weight = np.polynomial.legendre.leggauss(LAMP_NODES)
+    for lamp in world.lights:
+        R, middle = lamp.world_from_light.R[0], lamp.world_from_light.t_mm[0]
+        lit = ~hidden(middle, points, world, panel)
+        for x, wx in zip(node, weight, strict=True):
+            for y, wy in zip(node, weight, strict=True):
+                to = middle + R[:, 0] * x * lamp.size_mm[0] / 2 + R[:, 1] * y * lamp.size_mm[1] / 2 - points
+                d2 = (to**2).sum(axis=1)
+                cosines = np.maximum((to * normals).sum(axis=1), 0) * np.maximum(-(to @ R[:, 2]), 0) / d2
+                area_mm2 = wx * wy / 4 * lamp.size_mm[0] * lamp.size_mm[1]
+                total += np.where(lit, lamp.radiance * area_mm2 * cosines / d2, 0)
+    boards = [np.flatnonzero(world.marks.board == b) for b in range(len(world.field.boards))]
+    if world.ambient_radiance:
+        for marks in boards:
+            middle = int(marks[np.argmin(np.linalg.norm(world.marks.xy_mm[marks], axis=1))])
+            total[marks] += np.pi * world.ambient_radiance * _open_sky(world, points[middle], frames[middle])
+    return [total[marks] for marks in boards]
+
+
+def _open_sky(world: World, point_mm: np.ndarray, frame: np.ndarray) -> float:
+    """Part of a surface's sky, weighted with the cosine, that nothing hides."""
+    k = np.arange(SKY_DIRECTIONS)
+    radius, turn = np.sqrt((k + 0.5) / SKY_DIRECTIONS), k * np.pi * (3 - np.sqrt(5))
+    local = np.column_stack([radius * np.cos(turn), radius * np.sin(turn), np.sqrt(1 - radius**2)])
+    far = point_mm + FAR_MM * local @ frame.T
+    return float(1 - hidden(point_mm, far, world, np.full(len(far), -1)).mean())
