@@ -14,6 +14,8 @@ from scipy.special import erf
 from testfield.camera.images import Radiance
 from testfield.render.camera_plugin import CameraRays, opaque_float
 from testfield.render.irradiance import Irradiance, IrradianceLookup
+from testfield.render.points import Sources, flash_sources, room_sources
+from testfield.render.shade import shade
 from testfield.render.stage import Stage
 from testfield.render.variant import mitsuba
 
@@ -41,6 +43,7 @@ def render_fast(
     weights, margin = pixel_weights(cells, world.psf_sigma_px)
     lookup = IrradianceLookup(light)
     rays = CameraRays(world.interior, world.camera_from_world, station)
+    sources = [s for s in (room_sources(world), flash_sources(world, station)) if s is not None]
     columns = (width + 2 * margin) * cells
     strip = max(1, CELLS_A_PASS // (columns * cells) - 2 * margin)
     strips = -(-height // strip)
@@ -48,7 +51,7 @@ def render_fast(
     values = np.empty((height, width), np.float32)
     for top in range(0, height, strip):
         rows = (strip + 2 * margin) * cells
-        fine = _shade(stage, lookup, rays, rows, columns, cells, top - margin, -margin)
+        fine = _shade(stage, lookup, sources, rays, rows, columns, cells, top - margin, -margin)
         image = _weigh(fine, weights, cells, strip, width)
         values[top : top + strip] = image[: height - top]
         progress(1 / strips)
@@ -58,6 +61,7 @@ def render_fast(
 def _shade(
     stage: Stage,
     lookup: IrradianceLookup,
+    sources: list[Sources],
     rays: CameraRays,
     rows: int,
     columns: int,
@@ -92,12 +96,10 @@ def _shade(
         )
 
     hit.duv_dx, hit.duv_dy = footprint(by_x), footprint(by_y)
-    emitter = hit.emitter(stage.scene)
-    shines = emitter != None  # noqa: E711 (a device pointer)
+    shines = stage.is_lamp(hit)
     faces = hit.is_valid() & (slope < 0) & ~shines
-    panel = stage.texture.panel(hit)
-    shaded = stage.texture.reflectance(hit, PARTS) * lookup.at(panel, hit.uv) / dr.pi
-    emitted = dr.select(shines, emitter.eval(hit, shines)[0], 0)
+    shaded = shade(stage, lookup, sources, hit, -direction / length, faces, PARTS)
+    emitted = dr.select(shines, hit.emitter(stage.scene).eval(hit, shines)[0], 0)
     radiance = dr.select(faces, shaded, emitted)
     dr.eval(radiance)
     return np.asarray(radiance).reshape(rows, columns)

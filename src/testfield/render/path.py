@@ -8,7 +8,7 @@ import numpy as np
 from testfield.camera.images import Radiance
 from testfield.render.camera_plugin import mitsuba_sensor
 from testfield.render.irradiance import MAX_DEPTH
-from testfield.render.stage import Stage
+from testfield.render.stage import Stage, build_stage
 from testfield.render.variant import mitsuba
 
 SAMPLES_A_PASS = 1 << 26
@@ -26,6 +26,7 @@ def render_path(
     world = stage.world
     if world.psf_sigma_px:
         raise ValueError("render.mode = 'path' does not carry lens.psf_sigma_px")
+    scene = stage.scene if world.flash is None else build_stage(world, station).scene
     sensor = mitsuba_sensor(world.interior, world.camera_from_world, station)
     # rr_depth beyond max_depth: no Russian roulette, as in the fast renderer's light.
     integrator = mi.load_dict({"type": "path", "max_depth": MAX_DEPTH + 1, "rr_depth": 1000})
@@ -35,7 +36,7 @@ def render_path(
     done = 0
     while done < samples:
         now = min(a_pass, samples - done)
-        image = mi.render(stage.scene, sensor=sensor, integrator=integrator, spp=now, seed=seed + done)
+        image = mi.render(scene, sensor=sensor, integrator=integrator, spp=now, seed=seed + done)
         total += now * np.asarray(image, np.float64)[..., 0]
         done += now
         progress(now / samples)

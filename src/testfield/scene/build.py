@@ -1,5 +1,7 @@
 """A scene becomes a world: generators run, errors of manufacture are drawn, everything gets its place."""
 
+from typing import Any
+
 import numpy as np
 
 from testfield.camera.interior import Interior, parameter_names
@@ -8,8 +10,32 @@ from testfield.camera.pose import Poses
 from testfield.errors import TestfieldError
 from testfield.scene import generators
 from testfield.scene.frames import along, facing
-from testfield.scene.schema import BoardPart, CheckOnBoard, ExtensionZone, RecognitionZone, SceneFile
-from testfield.scene.world import BAR, BOARD, CHECK, AreaLight, Panels, TrueMarks, World
+from testfield.scene.schema import (
+    AreaLightPart,
+    BoardPart,
+    CheckOnBoard,
+    ExtensionZone,
+    Ink,
+    PointLightPart,
+    RecognitionZone,
+    SceneFile,
+)
+from testfield.scene.sky import sky_of
+from testfield.scene.world import (
+    BAR,
+    BOARD,
+    CHECK,
+    INKS,
+    MATT,
+    AreaLight,
+    Gloss,
+    Panels,
+    PointLight,
+    Retro,
+    RingFlash,
+    TrueMarks,
+    World,
+)
 from testfield.seeds import generator
 from testfield.targets.field import Field, NominalBoard, ScaleBar
 from testfield.targets.marks import QUIET, Marks
@@ -27,15 +53,20 @@ class _Assembly:
         paint = scene.paint
         self.black, self.white, self.back = paint.black, paint.white, paint.back
         self.white_on_black = paint.white_on_black
+        self.ink, self.retro_matt = paint.ink, paint.retro.matt
         self.panels: list[tuple] = []
         self.marks: list[tuple] = []
 
-    def panel(self, name: str, R: np.ndarray, t: np.ndarray, size: tuple, thickness: float) -> int:
-        """A printed front and its plain back; returns the front's index."""
+    def panel(
+        self, name: str, R: np.ndarray, t: np.ndarray, size: tuple, thickness: float, made_of: Ink | None = None
+    ) -> int:
+        """A printed front and its plain back; returns the front's index. `made_of` is the ink, paint.ink if None."""
         ground, ink = (self.black, self.white) if self.white_on_black else (self.white, self.black)
-        self.panels.append((name, R, t, size, ground, ink))
+        made_of = made_of or self.ink
+        ink = self.retro_matt if made_of == "retro" else ink
+        self.panels.append((name, R, t, size, ground, ink, INKS.index(made_of)))
         behind = np.column_stack([-R[:, 0], R[:, 1], -R[:, 2]])
-        self.panels.append((f"{name} (back)", behind, t - thickness * R[:, 2], size, self.back, self.back))
+        self.panels.append((f"{name} (back)", behind, t - thickness * R[:, 2], size, self.back, self.back, MATT))
         return len(self.panels) - 2
 
     def mark(
@@ -68,7 +99,7 @@ def build_world(scene: SceneFile) -> World:
         except ValueError as error:
             raise TestfieldError(str(error), f"boards[{k}].normal") from error
         nominal = nominal_board(board, scene.code_bits, k)
-        panel = parts.panel(board.name, R, t, board.size_mm, board.thickness_mm)
+        panel = parts.panel(board.name, R, t, board.size_mm, board.thickness_mm, board.ink)
         drawn = generator(seed, f"print/{board.name}").normal(0, 1, nominal.marks.xy_mm.shape) * board.print_sigma_mm
         true_xy = nominal.marks.xy_mm * (1 + scale_error) + drawn
         for i, xy in enumerate(true_xy):
@@ -125,6 +156,7 @@ def build_world(scene: SceneFile) -> World:
                 surface.size_mm,
                 surface.albedo,
                 surface.albedo,
+                MATT,
             )
         )
 
@@ -135,7 +167,14 @@ def build_world(scene: SceneFile) -> World:
             lamp.radiance_w_m2_sr,
         )
         for lamp in scene.room.lights
+        if isinstance(lamp, AreaLightPart)
     )
+    points = tuple(
+        PointLight(np.array(lamp.position_mm, float), lamp.intensity_w_sr)
+        for lamp in scene.room.lights
+        if isinstance(lamp, PointLightPart)
+    )
+    sky = None if scene.room.environment is None else sky_of(scene.room.environment, "room.environment")
     names, station_R, station_t = generators.stations(scene.stations, seed)
     field = Field(
         scene.code_bits,
@@ -148,8 +187,31 @@ def build_world(scene: SceneFile) -> World:
     return World(
         scene.name, seed, float(np.linalg.norm(scene.volume.size_mm)), _panels(parts), _marks(parts),
         Poses(np.array(board_R), np.array(board_t)), tuple(names), Poses(station_R, station_t), true_interior(scene),
-        scene.camera.psf_sigma_px, lights, scene.room.ambient_w_m2_sr, field,
+        scene.camera.psf_sigma_px, lights, scene.room.ambient_w_m2_sr if sky is None else 0.0, field,
+        points, sky, _flash(scene), **_materials(scene),
     )  # fmt: skip
+
+
+def _flash(scene: SceneFile) -> RingFlash | None:
+    part = scene.camera.flash
+    if part is None or not part.on:
+        return None
+    return RingFlash(part.radius_mm, part.points, part.radiant_intensity_w_sr, part.falloff_exponent)
+
+
+def _materials(scene: SceneFile) -> dict[str, Any]:
+    """What the inks in use are like; what no board uses is not part of the world."""
+    paint, used = scene.paint, {scene.paint.ink, *(board.ink for board in scene.boards)}
+    found: dict[str, Any] = {}
+    if "retro" in used:
+        entrance, observation = np.radians([paint.retro.half_entrance_deg, paint.retro.half_observation_deg]).tolist()
+        shift_mm = paint.retro.shift_um_at_40_deg / 1000 / np.sin(np.radians(40))
+        found["retro"] = Retro(paint.retro.coefficient_cd_lx_m2, entrance, observation, float(shift_mm))
+    if "gloss" in used:
+        found["gloss"] = Gloss(paint.gloss.roughness, paint.gloss.reflectance)
+    if "luminous" in used:
+        found["luminous_radiance"] = paint.luminous.radiance_w_m2_sr
+    return found
 
 
 def true_interior(scene: SceneFile) -> Interior:
@@ -215,8 +277,10 @@ def _grid(zone: ExtensionZone | RecognitionZone) -> np.ndarray:
 
 
 def _panels(parts: _Assembly) -> Panels:
-    name, R, t, size, ground, ink = zip(*parts.panels, strict=True)
-    return Panels(name, Poses(np.array(R), np.array(t)), np.array(size, float), np.array(ground), np.array(ink))
+    name, R, t, size, ground, ink, made_of = zip(*parts.panels, strict=True)
+    kinds = np.array(made_of) if any(made_of) else None
+    poses = Poses(np.array(R), np.array(t))
+    return Panels(name, poses, np.array(size, float), np.array(ground), np.array(ink), kinds)
 
 
 def _marks(parts: _Assembly) -> TrueMarks:
