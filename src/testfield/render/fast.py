@@ -13,7 +13,7 @@ from scipy.special import erf
 
 from testfield.camera.images import Radiance
 from testfield.render.camera_plugin import CameraRays, opaque_float
-from testfield.render.irradiance import Irradiance, IrradianceLookup
+from testfield.render.irradiance import Irradiance, IrradianceSum
 from testfield.render.points import Sources, flash_sources, room_sources
 from testfield.render.shade import shade
 from testfield.render.stage import Stage
@@ -30,18 +30,20 @@ def render_fast(
     station: int,
     cells: int,
     progress: Callable[[float], None] = lambda _: None,
+    bounce: Irradiance | None = None,
 ) -> Radiance:
     """Radiance image of one station, noise-free.
 
     `cells` along each side of a pixel, more where a narrow point spread needs it; `progress` is told the
-    fraction done since the last call.
+    fraction done since the last call. `bounce` is the flash's indirect light (`bounce.py`). What a coat reflects of
+    lamps and surroundings is not part of it: `view.py` adds that.
     """
     world = stage.world
     width, height = world.interior.width_px, world.interior.height_px
     if world.psf_sigma_px > 0:
         cells = max(cells, int(np.ceil(1 / world.psf_sigma_px)))
     weights, margin = pixel_weights(cells, world.psf_sigma_px)
-    lookup = IrradianceLookup(light)
+    lookup = IrradianceSum([light] if bounce is None else [light, bounce])
     rays = CameraRays(world.interior, world.camera_from_world, station)
     sources = [s for s in (room_sources(world), flash_sources(world, station)) if s is not None]
     columns = (width + 2 * margin) * cells
@@ -60,7 +62,7 @@ def render_fast(
 
 def _shade(
     stage: Stage,
-    lookup: IrradianceLookup,
+    lookup: IrradianceSum,
     sources: list[Sources],
     rays: CameraRays,
     rows: int,

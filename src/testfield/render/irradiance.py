@@ -165,6 +165,18 @@ def _nodes(mean: np.ndarray, variance: np.ndarray) -> np.ndarray:
     return np.maximum(chebyshev.chebgrid2d(at, at, solution.reshape(degree + 1, degree + 1)), 0)
 
 
+class IrradianceSum:
+    """Look-up of several lights together."""
+
+    def __init__(self, lights: list[Irradiance]):
+        self.parts = [IrradianceLookup(light) for light in lights]
+
+    def at(self, panel: Any, uv: Any) -> Any:
+        """Irradiance at panel coordinates uv in [0, 1]^2."""
+        first, *rest = [part.at(panel, uv) for part in self.parts]
+        return sum(rest, first)
+
+
 class IrradianceLookup:
     """Bilinear look-up on the device."""
 

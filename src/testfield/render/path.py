@@ -13,6 +13,7 @@ from testfield.render.variant import mitsuba
 
 SAMPLES_A_PASS = 1 << 26
 """Beyond 2^32 samples Mitsuba's own splitting exhausts memory; passes of this size need about a gigabyte."""
+PILOT_SAMPLES = 16
 
 
 def render_path(
@@ -41,3 +42,23 @@ def render_path(
         done += now
         progress(now / samples)
     return Radiance(world.station_name[station], (total / samples).astype(np.float32))
+
+
+def path_noise(stage: Stage, station: int, samples: int, seed: int) -> np.ndarray:
+    """(h, w) standard error that `render_path` has with `samples` a pixel, from the spread of a few samples more."""
+    mi = mitsuba()
+    world = stage.world
+    scene = stage.scene if world.flash is None else build_stage(world, station).scene
+    nested = {"type": "path", "max_depth": MAX_DEPTH + 1, "rr_depth": 1000}
+    moments = np.asarray(
+        mi.render(
+            scene,
+            sensor=mitsuba_sensor(world.interior, world.camera_from_world, station),
+            integrator=mi.load_dict({"type": "moment", "nested": nested}),
+            spp=PILOT_SAMPLES,
+            seed=seed ^ 0x5EED,
+        ),
+        np.float64,
+    )
+    variance = np.maximum(moments[..., 4] - moments[..., 1] ** 2, 0) * PILOT_SAMPLES / (PILOT_SAMPLES - 1)
+    return np.sqrt(variance / samples)

@@ -6,7 +6,7 @@ A coat's reflection of lamps and surroundings is sampled (`gloss.py`); that of l
 
 from typing import Any
 
-from testfield.render.irradiance import IrradianceLookup
+from testfield.render.irradiance import IrradianceSum
 from testfield.render.materials import retro_reflectance, retro_shift_mm
 from testfield.render.points import LIFT_MM, Sources, light_from
 from testfield.render.stage import Stage
@@ -15,7 +15,7 @@ from testfield.scene.world import GLOSS, LUMINOUS, RETRO
 
 
 def shade(
-    stage: Stage, lookup: IrradianceLookup, sources: list[Sources], hit: Any, towards: Any, faces: Any, parts: int
+    stage: Stage, lookup: IrradianceSum, sources: list[Sources], hit: Any, towards: Any, faces: Any, parts: int
 ) -> Any:
     """Radiance of hits (with their footprints) along unit vectors `towards` the eye, where they face it."""
     mi = mitsuba()
@@ -49,7 +49,7 @@ def shade(
     return radiance
 
 
-def _behind(stage: Stage, lookup: IrradianceLookup, ray: Any, active: Any) -> Any:
+def _behind(stage: Stage, lookup: IrradianceSum, ray: Any, active: Any) -> Any:
     """Radiance that arrives along rays from matt surfaces in the room's light, from lamps and from all around."""
     mi = mitsuba()
     import drjit as dr
