@@ -1,6 +1,6 @@
 """What a coat reflects of lamps, panels and surroundings: sampled, for it changes with the viewer.
 
-Each sample is a ray through a random point of the pixel as its area and the optics' blur weigh it. At a coated panel the
+Each sample is a ray through a random point of the pixel as its area and the optics' blur weigh it. At a coated panel
 light is gathered twice, towards an emitter and along a direction that the coat prefers, and both are joined by the
 balance heuristic; the path integrator goes on from there. Lights without size are not part of it: their reflection has
 no noise and is in the fast image already.

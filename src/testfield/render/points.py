@@ -19,7 +19,7 @@ LIFT_MM = 0.02
 
 
 class Sources:
-    """Points of light on the device: `axis` (3,) and `falloff` of their common beam, or None for all directions alike."""
+    """Points of light on the device: `axis` (3,) and `falloff` of their common beam; no axis for all directions."""
 
     def __init__(self, places_mm: np.ndarray, intensity_w_sr: np.ndarray, axis: np.ndarray | None, falloff: float):
         mi = mitsuba()

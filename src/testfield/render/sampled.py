@@ -9,7 +9,7 @@ from scipy.ndimage import uniform_filter
 SAMPLES_A_PASS = 32
 SAMPLES_A_KERNEL = 1 << 21
 NEIGHBOURS_PX = 5
-"""Variances are averaged over a square this wide, so that a pixel does not end because its few samples agree by luck."""
+"""Variances are averaged over a square this wide, so that a pixel does not end because a few samples agree by luck."""
 
 Estimate = Callable[[np.ndarray, int, int], tuple[np.ndarray, np.ndarray]]
 """(k,) numbers of pixels, samples for each, seed: (k,) sums and sums of squares of independent samples."""
@@ -27,7 +27,7 @@ class Sampled:
 def sample_to_target(
     estimate: Estimate, shape: tuple[int, int], target: float, most: int, seed: int, progress: Callable[[float], None]
 ) -> Sampled:
-    """Sample an image of `shape` (h, w) until every pixel's standard error is `target` or less, or it has `most` samples.
+    """Sample an image of `shape` (h, w) until no standard error exceeds `target`, or a pixel has `most`.
 
     `progress` is told the fraction done since the last call, as far as it can be foreseen.
     """

@@ -27,7 +27,8 @@ def shade(
     if not sources and not materials.special:
         return radiance
     frame = mi.Frame3f(dr.normalize(hit.dp_du), dr.normalize(hit.dp_dv), hit.n)
-    to_eye = frame.to_local(towards)
+    # A miss has no frame; a place on a panel must never come from what is not a number.
+    to_eye = dr.select(faces, frame.to_local(towards), mi.Vector3f(0, 0, 1))
     returned, coated = mi.Float(0), mi.Float(0)
     for source in sources:
         matt, retro, gloss = light_from(source, stage.scene, materials, hit.p, frame, to_eye, faces)

@@ -1,7 +1,7 @@
 """One station's image, in the way that its materials allow, and how it was made.
 
 Matt, retro-reflecting and luminous panels: fast, without noise. Rough coats: fast, and what they reflect is sampled on
-top until the noise target is met. Coats so smooth that the light they throw on others has edges: the whole image is path
+top until the noise target is met. Coats so smooth that light they throw on others has edges: the whole image is path
 traced to the same target.
 """
 
@@ -29,7 +29,7 @@ WHITE_PERCENTILE = 99.0
 @dataclass(frozen=True)
 class Making:
     """How an image was made: `mode`; mean `samples` a pixel where there was sampling; the `noise`, root mean square of
-    its pixels' standard errors as a part of white's radiance, and `over_target`, the part of its pixels above the
+    its pixels' standard errors as a part of white's radiance (a coat's reflection not counted), and `over_target`, the part of its pixels above the
     noise target. All zero for a fast image, which has no sampling."""
 
     mode: str
@@ -53,7 +53,7 @@ def render_view(
     seed: int,
     progress: Callable[[float], None] = lambda _: None,
 ) -> tuple[Radiance, Making]:
-    """Radiance of one station and how it was made. `light` is not used where the fast renderer does not carry the world."""
+    """Radiance of one station and how it was made. `light` is not used where the whole image is path traced."""
     world = stage.world
     if not fast_carries(world):
         return _traced(stage, station, noise_target, most_samples, seed, progress)

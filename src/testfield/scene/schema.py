@@ -441,8 +441,8 @@ class PaintPart(_Part):
     white_on_black: bool = Field(True, description="White marks on black ground; false for the reverse.")
     ink: Ink = Field(
         "matt",
-        description="Of all marks but those of boards with an `ink` of their own. gloss coats ink and ground; retro and "
-        "luminous are the ink's alone.",
+        description="Of all marks but those of boards with an `ink` of their own. gloss coats ink and ground; retro "
+        "and luminous are the ink's alone.",
     )
     retro: RetroPart = RetroPart()
     gloss: GlossPart = GlossPart()
@@ -461,7 +461,7 @@ class RenderPart(_Part):
     samples: int = Field(64, ge=1, description="path: samples a pixel.")
     noise_target: float = Field(
         0.005, gt=0, le=1,
-        description="What must be sampled (gloss) is, until each pixel's standard error is this part of white's radiance.",
+        description="What must be sampled (gloss) is, until each pixel's standard error is this part of white.",
     )  # fmt: skip
     most_samples: int = Field(
         4096, ge=64, description="Where a pixel's sampling ends even if noise_target is not reached."
