@@ -288,7 +288,10 @@ def test_an_environment_that_is_no_picture_is_named(tmp_path: Path) -> None:
 
 BAD = {
     "point without power": (
-        ("[[room.lights]]", '[[room.lights]]\nkind = "point"\nposition_mm = [0, 0, 1]\nintensity_w_sr = 0\n\n[[room.lights]]'),
+        (
+            "[[room.lights]]",
+            '[[room.lights]]\nkind = "point"\nposition_mm = [0, 0, 1]\nintensity_w_sr = 0\n\n[[room.lights]]',
+        ),
         "room.lights.0..intensity_w_sr: value 0",
     ),
     "flash without power": (

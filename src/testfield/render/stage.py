@@ -78,8 +78,8 @@ def build_stage(world: World, flash_at: int | None = None) -> Stage:
             "radiance": {"type": "uniform", "value": world.ambient_radiance},
         }
     if world.sky is not None:
-        # Mitsuba's picture has its zenith along +y; columns run the other way round.
-        turn = mi.ScalarTransform4f().rotate([0, 0, 1], float(np.degrees(world.sky.azimuth_rad)))
+        # Mitsuba's picture has its zenith along +y, and so turned upright its middle along -y.
+        turn = mi.ScalarTransform4f().rotate([0, 0, 1], 180 + float(np.degrees(world.sky.azimuth_rad)))
         parts["sky"] = {
             "type": "envmap",
             "bitmap": mi.Bitmap(np.repeat(world.sky.radiance[..., None], 3, axis=2)),

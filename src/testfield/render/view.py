@@ -28,9 +28,12 @@ WHITE_PERCENTILE = 99.0
 
 @dataclass(frozen=True)
 class Making:
-    """How an image was made: `mode`; mean `samples` a pixel where there was sampling; the `noise`, root mean square of
-    its pixels' standard errors as a part of white's radiance (a coat's reflection not counted), and `over_target`, the part of its pixels above the
-    noise target. All zero for a fast image, which has no sampling."""
+    """How an image was made.
+
+    `mode`; mean `samples` a pixel where there was sampling; `noise`, the root mean square of the pixels' standard
+    errors as a part of white's radiance without a coat; `over_target`, the part of the pixels above the noise target. All zero
+    for a fast image, which has no sampling.
+    """
 
     mode: str
     samples: float = 0.0
