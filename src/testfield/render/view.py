@@ -31,8 +31,8 @@ class Making:
     """How an image was made.
 
     `mode`; mean `samples` a pixel where there was sampling; `noise`, the root mean square of the pixels' standard
-    errors as a part of white's radiance without a coat; `over_target`, the part of the pixels above the noise target. All zero
-    for a fast image, which has no sampling.
+    errors as a part of white's radiance without a coat; `over_target`, the part of the pixels above the noise target.
+    All zero for a fast image, which has no sampling.
     """
 
     mode: str
