@@ -134,8 +134,8 @@ def test_hits_of_both_renderers_are_on_the_paper_where_float64_says(world: World
 
     stage = build_stage(world)
     x, y = (v.ravel() for v in np.meshgrid(np.arange(3.0, 1280, 7), np.arange(2.0, 1024, 7)))
-    rays = CameraRays(world.interior, world.camera_from_world, 0)
-    ray = mi.Ray3f(rays.origin, dr.normalize(rays.direction(mi.Float(x), mi.Float(y))[0]))
+    rays = CameraRays(world, 0).at(mi.Float(x), mi.Float(y))
+    ray = mi.Ray3f(rays.origin, dr.normalize(rays.direction))
     hit = stage.scene.ray_intersect(ray)
     panel, bent = stage.texture.panel(hit), stage.texture.bent
     number, valid = np.array(panel), np.array(hit.is_valid())

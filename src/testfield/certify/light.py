@@ -1,6 +1,6 @@
 """Light: the fast renderer against Mitsuba's own path tracer, and what its light's noise does to centres."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import kstest, norm
@@ -11,34 +11,80 @@ from testfield.render.fast import render_fast
 from testfield.render.irradiance import compute_irradiance
 from testfield.render.path import render_path
 from testfield.render.stage import build_stage
+from testfield.render.view import render_view
 from testfield.scene.schema import RenderPart
 from testfield.scene.truth import see
-from testfield.scene.world import World
+from testfield.scene.world import GLOSS, MATT, RETRO, Gloss, Panels, PointLight, Retro, RingFlash, World
 
 BLOCK = 8
 SPACING_MM = 40.0
 LIGHTS = 4
 """Independent computations of the fast light, so that its own noise is known."""
+NOISE, SAMPLES = 0.002, 1024
+"""To which a coat's reflection is sampled."""
+
+
+@dataclass(frozen=True)
+class Effort:
+    """What a comparison costs: image width, the fast light's grid and paths, and the path tracer's renders; and how far
+    the means over all boards may then differ, as a part of the mean."""
+
+    width_px: int
+    spacing_mm: float
+    paths: int
+    repeats: int
+    samples: int
+    mean_limit: float = 1e-3
 
 
 def certify_light(world: World, quick: bool) -> list[Verdict]:
-    """Judge the light on a world with lamps, a room that reflects, and boards: interreflection and gradients."""
-    return [*_against_path(world, quick), _centre_scatter(world, quick)]
+    """Judge the light on a world with lamps, a room that reflects, and boards: interreflection and gradients; and what
+    lights without size, coats and retro-reflecting ink do there."""
+    usual = Effort(320, SPACING_MM, 8192, 16, 48) if quick else Effort(320, SPACING_MM, 8192, 40, 256)
+    small = Effort(192, 60.0, 2048, 12, 32, 1e-2) if quick else Effort(256, 60.0, 8192, 24, 128, 2e-3)
+    others = [verdict for name, other in variants(world).items() for verdict in _against_path(other, small, name)]
+    return [*_against_path(world, usual), _centre_scatter(world, quick), *others]
 
 
-def _against_path(world: World, quick: bool) -> list[Verdict]:
+def variants(world: World) -> dict[str, World]:
+    """Worlds like this one, in which boards, cards and bars are of other inks and under other lights."""
+    printed = np.isin(np.arange(len(world.panels)), world.marks.panel)
+    dark = replace(world, lights=(), point_lights=(), sky=None, ambient_radiance=0.0)
+    middle, eyes = world.mark_world_mm.mean(axis=0), world.camera_from_world.origin_mm
+    distance = float(np.linalg.norm(eyes - middle, axis=1).mean())
+    overhead = middle + distance * np.array([0.2, -0.7, 0.6])
+    # One watt a steradian and square metre on a square metre at this distance, about what the lamps give.
+    power = 3.0 * (distance / 1000) ** 2
+
+    def of(ink: int) -> Panels:
+        return replace(world.panels, ink=np.where(printed, ink, MATT))
+
+    flash = RingFlash(0.01 * distance, 16, power, 1.0)
+    retro = Retro(300.0, float(np.radians(45)), float(np.radians(0.8)), 0.05)
+    return {
+        "point light": replace(dark, point_lights=(PointLight(overhead, power),)),
+        "ring flash on retro-reflecting ink": replace(dark, flash=flash, panels=of(RETRO), retro=retro),
+        "gloss": replace(world, panels=of(GLOSS), gloss=Gloss(0.3, 0.04)),
+    }
+
+
+def _against_path(world: World, effort: Effort, name: str = "") -> list[Verdict]:
     """Means over blocks of board pixels: fast minus path, in units of the path tracer's own scatter."""
-    small = _shrunk(world, 320)
+    small = _shrunk(world, effort.width_px)
     stage = build_stage(small)
-    repeats, samples = (16, 48) if quick else (40, 256)
+    repeats, samples = effort.repeats, effort.samples
     station = 1 % len(world.station_name)
     on_boards = board_pixels(small, station)
+    lights = (compute_irradiance(stage, effort.spacing_mm, effort.paths, 5 + k, lambda _: None) for k in range(LIGHTS))
     fast = np.stack(
         [
-            block_means(render_fast(stage, light, station, 8).values.astype(float), on_boards)
-            for light in (compute_irradiance(stage, SPACING_MM, 8192, 5 + k, lambda _: None) for k in range(LIGHTS))
+            block_means(
+                render_view(stage, light, station, 8, NOISE, SAMPLES, 50 + k)[0].values.astype(float), on_boards
+            )
+            for k, light in enumerate(lights)
         ]
     )
+    title = f"{name}: " if name else ""
     runs = np.stack([render_path(stage, station, samples, 100 + k).values for k in range(repeats)]).astype(float)
     blocks = np.stack([block_means(run, on_boards) for run in runs])
     difference = fast.mean(axis=0) - blocks.mean(axis=0)
@@ -54,16 +100,18 @@ def _against_path(world: World, quick: bool) -> list[Verdict]:
     common = fast.mean(axis=1).var(ddof=1) / LIGHTS
     overall = float(abs(difference.mean()) / np.sqrt((blocks.var(axis=0, ddof=1) / repeats).mean() / len(u) + common))
     return [
-        Verdict("light", "fast minus path, rms of z", float(np.sqrt((z**2).mean()) / expected), 1.25, "sigma", how),
         Verdict(
-            "light", "p-values not uniform (Kolmogorov-Smirnov distance)",
+            "light", f"{title}fast minus path, rms of z", float(np.sqrt((z**2).mean()) / expected), 1.25, "sigma", how
+        ),
+        Verdict(
+            "light", f"{title}p-values not uniform (Kolmogorov-Smirnov distance)",
             float(kstest(p_values, "uniform").statistic),
             1.95 / np.sqrt(len(z)) + 0.03, "", "limit: 0.1 % level, and 0.03 for Student's tails",
         ),
-        Verdict("light", "fast minus path, mean over all boards", overall, 3.5, "sigma", how),
+        Verdict("light", f"{title}fast minus path, mean over all boards", overall, 3.5, "sigma", how),
         Verdict(
-            "light", "the same as a part of the mean", float(abs(difference.mean()) / blocks.mean()), 1e-3, "of mean",
-            how,
+            "light", f"{title}the same as a part of the mean", float(abs(difference.mean()) / blocks.mean()),
+            effort.mean_limit, "of mean", how,
         ),
     ]  # fmt: skip
 

@@ -6,6 +6,7 @@ import signal
 import time
 from collections.abc import Callable, Iterable
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -24,27 +25,34 @@ Made = tuple[int, int]
 def render(run: Run) -> Made:
     """Radiance of every station, and the light on every panel that they share."""
     world, settings = run.world, run.scene.render
-    renderers = ("fast", "irradiance", "path", "stage")
+    renderers = ("view", "irradiance", "stage")
     code = code_digest(*[f"testfield.render.{name}" for name in renderers], "testfield.seeds")
     shapes = (world.panels, world.marks, world.dirt, world.field.bits, world.meshes)
-    surroundings = (shapes, world.lights, world.ambient_radiance)
+    materials = (world.retro, world.gloss, world.luminous_radiance)
+    lights = (world.lights, world.point_lights, world.ambient_radiance, world.sky)
+    surroundings = (shapes, lights, materials)
+    # Only what is sampled depends on how far and with which random numbers.
+    sampling = (settings.noise_target, settings.most_samples, world.seed) if world.gloss else ()
     device = os.environ.get("TESTFIELD_VARIANT", "")
     light_key = digest(code, device, surroundings, settings.light_spacing_mm, settings.light_paths, world.seed)
     fast = settings.mode == "fast"
     keys = {}
     for k, name in enumerate(run.stations):
-        lens = (world.interior, world.psf_sigma_px, world.optics)
+        lens = (world.interior, world.psf_sigma_px, world.optics, world.flash)
         view = (lens, world.camera_from_world[slice(k, k + 1)], world.motion if world.motion.moves else None)
-        how = (light_key, settings.cells, settings.blur_shots) if fast else (surroundings, settings.samples, world.seed)
+        how = (
+            (light_key, settings.cells, settings.blur_shots, sampling, world.seed if world.flash else 0)
+            if fast
+            else (surroundings, settings.samples, world.seed)
+        )
         keys[name] = digest(code, device, settings.mode, view, how)
     stale = [k for k, name in enumerate(run.stations) if not run.ledger.fresh(f"radiance/{name}.exr", keys[name])]
     if not stale:
         return 0, len(keys)
 
-    from testfield.render.fast import render_fast
     from testfield.render.irradiance import Irradiance, compute_irradiance
-    from testfield.render.path import render_path
     from testfield.render.stage import build_stage
+    from testfield.render.view import render_reference, render_view
 
     stage = build_stage(world)
     if fast:
@@ -61,11 +69,16 @@ def render(run: Run) -> Made:
     with bar("render", len(stale), "views") as move:
         for k in stale:
             name = run.stations[k]
+            seed = seed_of(world.seed, f"path/{name}") & 0x7FFFFFFF
             if fast:
-                image = render_fast(stage, light, k, settings.cells, move, settings.blur_shots)
+                image, making = render_view(
+                    stage, light, k, settings.cells, settings.noise_target, settings.most_samples, seed, move,
+                    settings.blur_shots,
+                )  # fmt: skip
             else:
-                image = render_path(stage, k, settings.samples, seed_of(world.seed, f"path/{name}") & 0x7FFFFFFF, move)
+                image, making = render_reference(stage, k, settings.samples, seed, move)
             run.ledger.make(f"radiance/{name}.exr", keys[name], image.save)
+            run.ledger.note(images=run.ledger.notes.get("images", {}) | {name: asdict(making)})
     return len(stale), len(keys)
 
 

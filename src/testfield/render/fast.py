@@ -13,9 +13,11 @@ import numpy as np
 
 from testfield.camera.images import Radiance
 from testfield.render.camera_plugin import CameraRays, DeviceTwist, Rays, Vignetting, opaque_float, vignettes
-from testfield.render.irradiance import Irradiance, IrradianceLookup
+from testfield.render.irradiance import Irradiance, IrradianceSum
 from testfield.render.mesh_light import MeshLookup
+from testfield.render.points import flash_sources, light_from, room_sources
 from testfield.render.psf import point_spread
+from testfield.render.shade import shade
 from testfield.render.shots import shots
 from testfield.render.stage import Stage
 from testfield.render.variant import mitsuba
@@ -32,18 +34,21 @@ def render_fast(
     cells: int,
     progress: Callable[[float], None] = lambda _: None,
     blur_shots: int = 64,
+    bounce: Irradiance | None = None,
 ) -> Radiance:
     """Radiance image of one station, noise-free.
 
-    `cells` along each side of a pixel, more where a narrow point spread needs it; `blur_shots` the most
-    sharp pictures whose mean a defocused or moved one is; `progress` is told the fraction done since the last call.
+    `cells` along each side of a pixel, more where a narrow point spread needs it; `progress` is told the fraction done
+    since the last call; `blur_shots` the most sharp pictures whose mean a defocused or moved one is; `bounce` is the
+    flash's indirect light (`bounce.py`). What a coat reflects of lamps and surroundings is not part of it: `view.py`
+    adds that.
     """
     world = stage.world
     width, height = world.interior.width_px, world.interior.height_px
     exposure = shots(world, station, blur_shots)
     spread = point_spread(cells, world.psf_sigma_px, world.optics.airy_px, len(exposure))
     cells, margin = spread.cells, spread.margin
-    view = _View(stage, light, station)
+    view = _View(stage, light, station, bounce)
     columns = (width + 2 * margin) * cells
     strip = max(1, CELLS_A_PASS // (columns * cells) - 2 * margin)
     strips = -(-height // strip)
@@ -59,9 +64,10 @@ def render_fast(
 class _View:
     """One station's view of a stage under its light."""
 
-    def __init__(self, stage: Stage, light: Irradiance, station: int):
+    def __init__(self, stage: Stage, light: Irradiance, station: int, bounce: Irradiance | None):
         self.stage = stage
-        self.lookup = IrradianceLookup(light)
+        self.lookup = IrradianceSum([light] if bounce is None else [light, bounce])
+        self.sources = [s for s in (room_sources(stage.world), flash_sources(stage.world, station)) if s is not None]
         self.bodies = MeshLookup(stage.world, light.meshes, stage.mesh_numbers) if stage.world.meshes else None
         self.rays = CameraRays(stage.world, station)
         self.vignetting = Vignetting(stage.world) if vignettes(stage.world) else None
@@ -109,17 +115,26 @@ class _View:
             )
 
         hit.duv_dx, hit.duv_dy = footprint(rays.by_x), footprint(rays.by_y)
-        emitter = hit.emitter(stage.scene)
-        shines = emitter != None  # noqa: E711 (a device pointer)
+        shines = stage.is_lamp(hit)
         faces = hit.is_valid() & (slope < 0) & ~shines
-        panel = stage.texture.panel(hit)
-        shaded = stage.texture.reflectance(hit, PARTS) * self.lookup.at(panel, hit.uv) / dr.pi
-        emitted = dr.select(shines, emitter.eval(hit, shines)[0], 0)
+        towards = -dr.normalize(rays.direction)
+        shaded = shade(stage, self.lookup, self.sources, hit, towards, faces, PARTS)
+        emitted = dr.select(shines, hit.emitter(stage.scene).eval(hit, shines)[0], 0)
         radiance = dr.select(faces, shaded, emitted)
-        if self.bodies is not None:
-            on_mesh, mesh_radiance = self.bodies.radiance(hit, slope < 0)
-            radiance = dr.select(on_mesh, mesh_radiance, radiance)
-        return radiance
+        return radiance if self.bodies is None else self._with_bodies(self.bodies, hit, slope < 0, radiance)
+
+    def _with_bodies(self, bodies: MeshLookup, hit: Any, front: Any, radiance: Any) -> Any:
+        """The radiance of hits, with that of meshes where they are on one."""
+        mi = mitsuba()
+        import drjit as dr
+
+        on_mesh, shaded, albedo = bodies.radiance(hit, front)
+        frame = mi.Frame3f(dr.select(front, hit.n, -hit.n))
+        for source in self.sources:
+            up = mi.Vector3f(0, 0, 1)
+            matt, _, _ = light_from(source, self.stage.scene, self.stage.materials, hit.p, frame, up, on_mesh)
+            shaded += albedo * matt / dr.pi
+        return dr.select(on_mesh, shaded, radiance)
 
     def _hit(self, rays: Rays) -> tuple[Any, Rays]:
         """What the rays meet first, and the rays in the frame in which that rests."""

@@ -167,8 +167,7 @@ def _sample(
     integrator = mi.load_dict({"type": "path", "max_depth": MAX_DEPTH, "rr_depth": 1000})
     radiance, _, _ = integrator.sample(stage.scene, sampler, ray)
     hit = stage.scene.ray_intersect(ray)
-    emitter = hit.emitter(stage.scene)
-    direct = dr.select(hit.is_valid() & (emitter != None), emitter.eval(hit)[0], 0)  # noqa: E711 (a device pointer)
+    direct = dr.select(hit.is_valid() & stage.is_lamp(hit), hit.emitter(stage.scene).eval(hit)[0], 0)
     total = dr.pi * (radiance[0] - direct)
     dr.eval(total)
     return np.asarray(total).reshape(len(points), paths)
@@ -201,6 +200,18 @@ def _nodes(mean: np.ndarray, variance: np.ndarray) -> np.ndarray:
     degree, solution = chosen
     at = np.linspace(-1, 1, SMOOTH_NODES)
     return np.maximum(chebyshev.chebgrid2d(at, at, solution.reshape(degree + 1, degree + 1)), 0)
+
+
+class IrradianceSum:
+    """Look-up of several lights together."""
+
+    def __init__(self, lights: list[Irradiance]):
+        self.parts = [IrradianceLookup(light) for light in lights]
+
+    def at(self, panel: Any, uv: Any) -> Any:
+        """Irradiance at panel coordinates uv in [0, 1]^2."""
+        first, *rest = [part.at(panel, uv) for part in self.parts]
+        return sum(rest, first)
 
 
 class IrradianceLookup:

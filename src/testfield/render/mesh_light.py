@@ -192,8 +192,11 @@ class MeshLookup:
         self.values = mi.Float(light.values)
         self.last_shape = len(albedo) - 1
 
-    def radiance(self, hit: Any, front: Any) -> tuple[Any, Any]:
-        """Whether each hit is on a mesh, and the radiance there; `front` where the face is seen from outside."""
+    def radiance(self, hit: Any, front: Any) -> tuple[Any, Any, Any]:
+        """Whether each hit is on a mesh, the radiance there, and the albedo of what is seen of it.
+
+        `front` where the face is seen from outside.
+        """
         mi = mitsuba()
         import drjit as dr
 
@@ -221,5 +224,6 @@ class MeshLookup:
         b, c = value(1, 0, seen), value(0, 1, seen)
         near = (1 - fu - fv) * value(0, 0, seen) + fu * b + fv * c
         beyond = (fu + fv - 1) * value(1, 1, seen & far) + (1 - fv) * b + (1 - fu) * c
-        light = dr.select(far, beyond, near) * dr.gather(mi.Float, self.albedo, number, here) / dr.pi
-        return here, dr.select(seen, light, 0)
+        albedo = dr.gather(mi.Float, self.albedo, number, seen)
+        light = dr.select(far, beyond, near) * albedo / dr.pi
+        return here, dr.select(seen, light, 0), albedo

@@ -2,18 +2,21 @@
 renderer is judged by."""
 
 from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from testfield.camera.images import Radiance
 from testfield.render.camera_plugin import mitsuba_sensor
 from testfield.render.irradiance import MAX_DEPTH
-from testfield.render.psf import point_spread
-from testfield.render.stage import Stage
+from testfield.render.psf import PointSpread, point_spread
+from testfield.render.stage import Stage, build_stage
 from testfield.render.variant import mitsuba
 
 SAMPLES_A_PASS = 1 << 26
 """Beyond 2^32 samples Mitsuba's own splitting exhausts memory; passes of this size need about a gigabyte."""
+PILOT_SAMPLES = 16
 
 
 def render_path(
@@ -26,11 +29,7 @@ def render_path(
     """
     mi = mitsuba()
     world = stage.world
-    if world.motion.target.moves:
-        raise ValueError("path tracing does not carry a target that moves during the exposure")
-    blurs = world.psf_sigma_px or world.optics.airy_px
-    spread = point_spread(2 if blurs else 1, world.psf_sigma_px, world.optics.airy_px)
-    samples = -(-samples // spread.cells**2)
+    scene, spread, samples = _as_asked(stage, station, samples)
     sensor = mitsuba_sensor(world, station, spread.cells, spread.margin)
     # rr_depth beyond max_depth: no Russian roulette, as in the fast renderer's light.
     integrator = mi.load_dict({"type": "path", "max_depth": MAX_DEPTH + 1, "rr_depth": 1000})
@@ -40,10 +39,43 @@ def render_path(
     done = 0
     while done < samples:
         now = min(a_pass, samples - done)
-        image = mi.render(stage.scene, sensor=sensor, integrator=integrator, spp=now, seed=seed + done)
+        image = mi.render(scene, sensor=sensor, integrator=integrator, spp=now, seed=seed + done)
         total += now * np.asarray(image, np.float64)[..., 0]
         done += now
         progress(now / samples)
     fine = (total / samples).astype(np.float32)
     image = spread.weigh(fine, world.interior.height_px, world.interior.width_px)
     return Radiance(world.station_name[station], image)
+
+
+def path_noise(stage: Stage, station: int, samples: int, seed: int) -> np.ndarray:
+    """(h, w) standard error that `render_path` has with `samples` a pixel, from the spread of a few samples more."""
+    mi = mitsuba()
+    world = stage.world
+    scene, spread, samples = _as_asked(stage, station, samples)
+    nested = {"type": "path", "max_depth": MAX_DEPTH + 1, "rr_depth": 1000}
+    moments = np.asarray(
+        mi.render(
+            scene,
+            sensor=mitsuba_sensor(world, station, spread.cells, spread.margin),
+            integrator=mi.load_dict({"type": "moment", "nested": nested}),
+            spp=PILOT_SAMPLES,
+            seed=seed ^ 0x5EED,
+        ),
+        np.float64,
+    )
+    variance = np.maximum(moments[..., 4] - moments[..., 1] ** 2, 0) * PILOT_SAMPLES / (PILOT_SAMPLES - 1)
+    squared = replace(spread, line=None if spread.line is None else spread.line**2, plane=spread.plane**2)
+    cells = (variance / samples).astype(np.float32)
+    return np.sqrt(np.maximum(squared.weigh(cells, world.interior.height_px, world.interior.width_px), 0))
+
+
+def _as_asked(stage: Stage, station: int, samples: int) -> tuple[Any, PointSpread, int]:
+    """The scene with the station's flash, the point spread, and how many of a pixel's samples each cell gets."""
+    world = stage.world
+    if world.motion.target.moves:
+        raise ValueError("path tracing does not carry a target that moves during the exposure")
+    scene = stage.scene if world.flash is None else build_stage(world, station).scene
+    blurs = world.psf_sigma_px or world.optics.airy_px
+    spread = point_spread(2 if blurs else 1, world.psf_sigma_px, world.optics.airy_px)
+    return scene, spread, -(-samples // spread.cells**2)

@@ -273,6 +273,15 @@ def pattern_texture_class() -> type:
                 return printed
             return tables.dirt.over(printed, panel, si.uv, si.duv_dx, si.duv_dy, parts)
 
+        def coverage(self, si: Any, shift_mm: tuple[Any, Any], parts: int) -> Any:
+            """Part of a hit's footprint that is ink, of a print moved by `shift_mm` along the panel's x and y."""
+            tables = self.tables
+            assert tables is not None
+            panel = self.panel(si)
+            size = dr.gather(mi.Float, tables.width, panel), dr.gather(mi.Float, tables.height, panel)
+            uv = mi.Point2f(si.uv.x - shift_mm[0] / size[0], si.uv.y - shift_mm[1] / size[1])
+            return tables.coverage(panel, uv, si.duv_dx, si.duv_dy, parts)
+
         def eval(self, si, active=True):  # type: ignore[no-untyped-def]
             return mi.Color1f(self.eval_1(si, active))
 

@@ -5,13 +5,15 @@ from dataclasses import replace
 import numpy as np
 
 from testfield.camera.images import Radiance
-from testfield.render.fast import render_fast
 from testfield.render.irradiance import compute_irradiance
 from testfield.render.stage import build_stage
+from testfield.render.view import render_view
 from testfield.scene.world import World
 
 WIDTH_PX = 900
 SPACING_MM, PATHS = 250.0, 256
+NOISE, SAMPLES = 0.05, 64
+"""Of what a coat reflects."""
 
 
 def quick_view(world: World, station: int) -> Radiance:
@@ -29,4 +31,4 @@ def quick_view(world: World, station: int) -> Radiance:
     )
     stage = build_stage(small)
     light = compute_irradiance(stage, SPACING_MM, PATHS, 1, lambda _: None)
-    return render_fast(stage, light, station, 3)
+    return render_view(stage, light, station, 3, NOISE, SAMPLES, 1)[0]

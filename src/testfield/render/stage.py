@@ -1,39 +1,63 @@
 """The world as a Mitsuba scene, built once and used by every view."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from testfield.camera.pose import Poses
 from testfield.render.bent import BentPanels, bent_mesh
+from testfield.render.materials import Materials
+from testfield.render.paint import luminous_texture_class, paint_class
 from testfield.render.pattern import PatternTables, pattern_texture_class
+from testfield.render.points import MM2_A_M2, flash_class, flash_sources
 from testfield.render.variant import mitsuba
-from testfield.scene.world import TrueMesh, World
+from testfield.scene.world import LUMINOUS, TrueMesh, World
 
 
 @dataclass(frozen=True)
 class Stage:
     """`scene` the Mitsuba scene; `texture` the pattern all panels share, which also tells a hit's panel and holds the
-    exact surfaces of bent ones; `mesh_numbers` Dr.Jit's numbers of the meshes' shapes; `still` and `moving` the same
-    scene in two parts where the target moves during the exposure."""
+    exact surfaces of bent ones; `materials` what is printed with; `panel_shape` tells of each shape's number whether it
+    is a panel; `mesh_numbers` Dr.Jit's numbers of the meshes' shapes; `still` and `moving` the same scene in two parts
+    where the target moves during the exposure."""
 
     world: World
     scene: Any
     texture: Any
+    materials: Materials
+    panel_shape: Any
     mesh_numbers: tuple[int, ...] = ()
     still: Any = None
     moving: Any = None
 
+    def is_lamp(self, hit: Any) -> Any:
+        """Whether hits or misses meet a light and no panel; luminous ink is a panel's."""
+        emitter = hit.emitter(self.scene)
+        lamp = emitter != None  # noqa: E711 (a device pointer)
+        if self.materials.luminous_radiance:
+            import drjit as dr
 
-def build_stage(world: World) -> Stage:
-    """Build the Mitsuba scene of a world."""
+            mi = mitsuba()
+            number: Any = dr.reinterpret_array(mi.UInt32, hit.shape)
+            lamp &= ~(hit.is_valid() & (dr.gather(mi.UInt32, self.panel_shape, number) == 1))
+        return lamp
+
+
+def build_stage(world: World, flash_at: int | None = None) -> Stage:
+    """Build the Mitsuba scene of a world. The camera's flash is part of it only at the station `flash_at`."""
     mi = mitsuba()
     import drjit as dr
 
     pattern_texture_class()
     texture = mi.load_dict({"type": "testfield_pattern"})
-    paint = mi.load_dict({"type": "diffuse", "reflectance": texture})
+    materials = Materials(world)
+    if materials.special:
+        paint_class()
+        paint = mi.load_dict({"type": "testfield_paint"})
+        paint.texture, paint.materials = texture, materials
+    else:
+        paint = mi.load_dict({"type": "diffuse", "reflectance": texture})
     parts: dict[str, Any] = {"type": "scene"}
     if world.panels.bent.any():
         # By default rays may slip through between the triangles of a mesh.
@@ -48,6 +72,12 @@ def build_stage(world: World) -> Stage:
             "to_world": _to_world(world.panels.world_from_panel, k, size),
             "bsdf": paint,
         }
+    if world.luminous_radiance:
+        luminous_texture_class()
+        glow = mi.load_dict({"type": "testfield_luminous"})
+        glow.texture, glow.materials = texture, materials
+        for k in np.flatnonzero(world.panels.carry(LUMINOUS)).tolist():
+            parts[f"panel{k:05d}"]["emitter"] = {"type": "area", "radiance": glow}
     for k, light in enumerate(world.lights):
         parts[f"light{k}"] = {
             "type": "rectangle",
@@ -62,6 +92,25 @@ def build_stage(world: World) -> Stage:
         }
     for k, mesh in enumerate(world.meshes):
         parts[f"mesh{k:05d}"] = _mesh(mesh)
+    if world.sky is not None:
+        # Mitsuba's picture has its zenith along +y, and so turned upright its middle along -y.
+        turn = mi.ScalarTransform4f().rotate([0, 0, 1], 180 + float(np.degrees(world.sky.azimuth_rad)))
+        parts["sky"] = {
+            "type": "envmap",
+            "bitmap": mi.Bitmap(np.repeat(world.sky.radiance[..., None], 3, axis=2)),
+            "to_world": turn @ mi.ScalarTransform4f().rotate([1, 0, 0], 90),
+        }
+    for k, point in enumerate(world.point_lights):
+        parts[f"point{k}"] = {
+            "type": "point",
+            "position": [float(v) for v in point.position_mm],
+            "intensity": {"type": "uniform", "value": point.intensity_w_sr * MM2_A_M2},
+        }
+    if flash_at is not None and world.flash is not None:
+        flash_class()
+        flash = mi.load_dict({"type": "testfield_flash"})
+        flash.sources = flash_sources(world, flash_at)
+        parts["flash"] = flash
     # optimize=True would merge all panels into one shape, and a hit could no longer tell its panel.
     scene = mi.load_dict(parts, optimize=False)
 
@@ -71,26 +120,27 @@ def build_stage(world: World) -> Stage:
         return int(index[0])
 
     numbers = {shape.id(): number(shape) for shape in scene.shapes()}
-    table = np.zeros(max(numbers.values()) + 1, np.uint32)
+    table, is_panel = np.zeros((2, max(numbers.values()) + 1), np.uint32)
     for k in range(len(world.panels)):
-        table[numbers[f"panel{k:05d}"]] = k
+        table[numbers[f"panel{k:05d}"]], is_panel[numbers[f"panel{k:05d}"]] = k, 1
     texture.panel_of_shape = mi.UInt32(table)
     texture.tables = PatternTables(world.panels, world.marks, world.field.bits, world.dirt)
     if world.panels.bent.any():
         texture.bent = BentPanels(world.panels)
     bodies = tuple(numbers[f"mesh{k:05d}"] for k in range(len(world.meshes)))
+    stage = Stage(world, scene, texture, materials, mi.UInt32(is_panel), bodies)
     if not world.motion.target.moves:
-        return Stage(world, scene, texture, bodies)
+        return stage
     # Lamps and the room's surfaces stand still; all else carries marks, or moves with what does.
     room = {f"panel{k:05d}" for k in np.flatnonzero(world.panels.of_room)}
     groups: dict[bool, dict[str, Any]] = {True: {}, False: {}}
     for shape in scene.shapes():
-        groups[not shape.is_emitter() and shape.id() not in room][shape.id()] = shape
-    emitters = {"ambient": parts["ambient"]} if "ambient" in parts else {}
+        groups[not shape.id().startswith("light") and shape.id() not in room][shape.id()] = shape
+    around = {name: parts[name] for name in ("ambient", "sky") if name in parts}
     still, moving = (
-        mi.load_dict({"type": "scene", **shapes}, optimize=False) for shapes in (groups[False] | emitters, groups[True])
+        mi.load_dict({"type": "scene", **shapes}, optimize=False) for shapes in (groups[False] | around, groups[True])
     )
-    return Stage(world, scene, texture, bodies, still, moving)
+    return replace(stage, still=still, moving=moving)
 
 
 def _mesh(mesh: TrueMesh) -> Any:

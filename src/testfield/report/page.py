@@ -57,8 +57,29 @@ def write_report(world: World, views: Views, scene: SceneFile, folder: Path, not
         rejected=calibration.rejected,
         counts=_status_rows(observations),
         certificate=floor_of(folder),
+        images=_making_rows(notes.get("images", {})),
     )
     path.write_text(page)
+
+
+def _making_rows(images: dict[str, dict]) -> list[str]:
+    """A sentence for each way that images were made, with the names of those that were; nothing is said of old runs."""
+    groups: dict[str, list[str]] = {}
+    for name, made in images.items():
+        groups.setdefault(made["mode"], []).append(name)
+    rows = []
+    for mode, names in groups.items():
+        sampled = [images[name] for name in names if images[name]["samples"]]
+        said = f"{mode}: {', '.join(names)}"
+        if sampled:
+            noise = [made["noise"] for made in sampled]
+            said += (
+                f"; {np.mean([made['samples'] for made in sampled]):.0f} samples a pixel, standard error "
+                f"{100 * min(noise):.2f} to {100 * max(noise):.2f} % of white (rms over what was sampled), "
+                f"{100 * max(made['over_target'] for made in sampled):.2f} % of the pixels above the target at most"
+            )
+        rows.append(said)
+    return rows
 
 
 def _telling_station(observations: Observations) -> str:

@@ -1,5 +1,7 @@
 """A scene becomes a world: generators run, errors of manufacture are drawn, everything gets its place."""
 
+from typing import Any
+
 import numpy as np
 
 from testfield.camera.interior import Interior, parameter_names
@@ -13,16 +15,35 @@ from testfield.scene.bend import curvature_of, extent_mm
 from testfield.scene.frames import along, facing
 from testfield.scene.meshes import load_meshes
 from testfield.scene.schema import (
+    AreaLightPart,
     BoardPart,
     CheckOnBoard,
     ExtensionZone,
+    Ink,
     MotionPart,
+    PointLightPart,
     RecognitionZone,
     SceneFile,
     TargetMotionPart,
 )
+from testfield.scene.sky import sky_of
 from testfield.scene.stickers import stickers
-from testfield.scene.world import BAR, BOARD, CHECK, AreaLight, Dirt, Panels, TrueMarks, World
+from testfield.scene.world import (
+    BAR,
+    BOARD,
+    CHECK,
+    INKS,
+    MATT,
+    AreaLight,
+    Dirt,
+    Gloss,
+    Panels,
+    PointLight,
+    Retro,
+    RingFlash,
+    TrueMarks,
+    World,
+)
 from testfield.seeds import generator
 from testfield.targets.field import Field, NominalBoard, ScaleBar
 from testfield.targets.marks import QUIET, Marks
@@ -40,6 +61,7 @@ class _Assembly:
         paint = scene.paint
         self.black, self.white, self.back = paint.black, paint.white, paint.back
         self.white_on_black = paint.white_on_black
+        self.ink, self.retro_matt = paint.ink, paint.retro.matt
         self.panels: list[tuple] = []
         self.marks: list[tuple] = []
 
@@ -50,12 +72,12 @@ class _Assembly:
         t: np.ndarray,
         size: tuple,
         thickness: float,
+        made_of: Ink | None = None,
         curvature: float = 0.0,
         axis_rad: float = 0.0,
     ) -> int:
-        """A printed front and its plain back, bent alike; returns the front's index."""
-        ground, ink = (self.black, self.white) if self.white_on_black else (self.white, self.black)
-        self.panels.append((name, R, t, size, ground, ink, curvature, axis_rad))
+        """A printed front and its plain back, bent alike; returns the front's index. `made_of` as in `sticker`."""
+        front = self.sticker(name, R, t, size, made_of, curvature, axis_rad)
         behind = np.column_stack([-R[:, 0], R[:, 1], -R[:, 2]])
         # The back is bent about the same axis in space, so it is that much shorter (or longer) across it.
         shrink = 1 - thickness * curvature
@@ -63,14 +85,26 @@ class _Assembly:
         back_size = np.array(size) * (1 + (shrink - 1) * across)
         self.panels.append(
             (f"{name} (back)", behind, t - thickness * R[:, 2], back_size, self.back, self.back,
-             -curvature / shrink, np.pi - axis_rad)
+             -curvature / shrink, np.pi - axis_rad, MATT)
         )  # fmt: skip
+        return front
         return len(self.panels) - 2
 
-    def sticker(self, name: str, R: np.ndarray, t: np.ndarray, size: tuple) -> int:
-        """A printed front alone; returns its index."""
+    def sticker(
+        self,
+        name: str,
+        R: np.ndarray,
+        t: np.ndarray,
+        size: tuple,
+        made_of: Ink | None = None,
+        curvature: float = 0.0,
+        axis_rad: float = 0.0,
+    ) -> int:
+        """A printed front alone; returns its index. `made_of` is the ink, paint.ink if None."""
         ground, ink = (self.black, self.white) if self.white_on_black else (self.white, self.black)
-        self.panels.append((name, R, t, size, ground, ink, 0.0, 0.0))
+        made_of = made_of or self.ink
+        ink = self.retro_matt if made_of == "retro" else ink
+        self.panels.append((name, R, t, size, ground, ink, curvature, axis_rad, INKS.index(made_of)))
         return len(self.panels) - 1
 
     def mark(
@@ -111,7 +145,7 @@ def build_world(scene: SceneFile) -> World:
                 f"value {board.bow_mm}: the board is thicker than its radius of bending", f"boards[{k}].bow_mm",
                 "lower bow_mm or thickness_mm",
             )  # fmt: skip
-        panel = parts.panel(board.name, R, t, board.size_mm, board.thickness_mm, curvature, axis_rad)
+        panel = parts.panel(board.name, R, t, board.size_mm, board.thickness_mm, board.ink, curvature, axis_rad)
         drawn = generator(seed, f"print/{board.name}").normal(0, 1, nominal.marks.xy_mm.shape) * board.print_sigma_mm
         true_xy = nominal.marks.xy_mm * (1 + scale_error) + drawn
         for i, xy in enumerate(true_xy):
@@ -181,6 +215,7 @@ def build_world(scene: SceneFile) -> World:
                 surface.albedo,
                 0.0,
                 0.0,
+                MATT,
             )
         )
 
@@ -191,7 +226,14 @@ def build_world(scene: SceneFile) -> World:
             lamp.radiance_w_m2_sr,
         )
         for lamp in scene.room.lights
+        if isinstance(lamp, AreaLightPart)
     )
+    points = tuple(
+        PointLight(np.array(lamp.position_mm, float), lamp.intensity_w_sr)
+        for lamp in scene.room.lights
+        if isinstance(lamp, PointLightPart)
+    )
+    sky = None if scene.room.environment is None else sky_of(scene.room.environment, "room.environment")
     names, station_R, station_t = generators.stations(scene.stations, seed)
     field = Field(
         scene.code_bits,
@@ -204,10 +246,33 @@ def build_world(scene: SceneFile) -> World:
     return World(
         scene.name, seed, float(np.linalg.norm(scene.volume.size_mm)), _panels(parts, carried), _marks(parts),
         Poses(np.array(board_R), np.array(board_t)), tuple(names), Poses(station_R, station_t), true_interior(scene),
-        scene.camera.psf_sigma_px, lights, scene.room.ambient_w_m2_sr, field, meshes,
+        scene.camera.psf_sigma_px, lights, scene.room.ambient_w_m2_sr if sky is None else 0.0, field, meshes,
         true_optics(scene), true_motion(scene),
         Dirt(*(np.array(column) for column in zip(*spots, strict=True))) if spots else Dirt(),
+        points, sky, _flash(scene), **_materials(scene),
     )  # fmt: skip
+
+
+def _flash(scene: SceneFile) -> RingFlash | None:
+    part = scene.camera.flash
+    if part is None or not part.on:
+        return None
+    return RingFlash(part.radius_mm, part.points, part.radiant_intensity_w_sr, part.falloff_exponent)
+
+
+def _materials(scene: SceneFile) -> dict[str, Any]:
+    """What the inks in use are like; what no board uses is not part of the world."""
+    paint, used = scene.paint, {scene.paint.ink, *(board.ink for board in scene.boards)}
+    found: dict[str, Any] = {}
+    if "retro" in used:
+        entrance, observation = np.radians([paint.retro.half_entrance_deg, paint.retro.half_observation_deg]).tolist()
+        shift_mm = paint.retro.shift_um_at_40_deg / 1000 / np.sin(np.radians(40))
+        found["retro"] = Retro(paint.retro.coefficient_cd_lx_m2, entrance, observation, float(shift_mm))
+    if "gloss" in used:
+        found["gloss"] = Gloss(paint.gloss.roughness, paint.gloss.reflectance)
+    if "luminous" in used:
+        found["luminous_radiance"] = paint.luminous.radiance_w_m2_sr
+    return found
 
 
 def true_interior(scene: SceneFile) -> Interior:
@@ -304,9 +369,10 @@ def _grid(zone: ExtensionZone | RecognitionZone) -> np.ndarray:
 def _panels(parts: _Assembly, carried: int) -> Panels:
     """All panels, the first `carried` of which belong to the target and the rest to the room."""
     name, R, t, size, *rest = zip(*parts.panels, strict=True)
-    ground, ink, curvature, axis = (np.array(column) for column in rest)
+    ground, ink, curvature, axis, made_of = (np.array(column) for column in rest)
     of_room = np.arange(len(name)) >= carried
-    return Panels(name, Poses(np.array(R), np.array(t)), np.array(size, float), ground, ink, curvature, axis, of_room)
+    poses, kinds = Poses(np.array(R), np.array(t)), made_of if made_of.any() else None
+    return Panels(name, poses, np.array(size, float), ground, ink, curvature, axis, of_room, kinds)
 
 
 def _marks(parts: _Assembly) -> TrueMarks:

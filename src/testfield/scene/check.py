@@ -10,7 +10,7 @@ from testfield.scene.exposure import check_exposure
 from testfield.scene.meshes import inside
 from testfield.scene.schema import BoardPart, MeshPart, ScaleBarPart, SceneFile, SurfacePart
 from testfield.scene.truth import Views
-from testfield.scene.world import World
+from testfield.scene.world import SMOOTHEST, World
 from testfield.targets.marks import QUIET
 from testfield.targets.ring_code import code_words
 
@@ -24,6 +24,7 @@ def check_scene(scene: SceneFile, world: World, views: Views, source: str) -> li
     """Warnings, one sentence each. Raises `TestfieldError` for what makes the scene impossible."""
     _possible_optics(scene, world, source)
     _visible_paint(scene, source)
+    _bendable_ink(scene, source)
     _unique_names(scene, source)
     _codes_exist_and_differ(scene, world, source)
     _marks_fit(scene, world, source)
@@ -73,12 +74,49 @@ def _possible_optics(scene: SceneFile, world: World, source: str) -> None:
         )  # fmt: skip
 
 
+def _bendable_ink(scene: SceneFile, source: str) -> None:
+    """Coats and shining ink on a bent board would show the facets of its proxy mesh, not the cylinder."""
+    for k, board in enumerate(scene.boards):
+        ink = board.ink or scene.paint.ink
+        if board.bow_mm and ink in ("gloss", "luminous"):
+            raise TestfieldError(
+                f"a bent board ({board.bow_mm} mm) cannot be printed with {ink} ink", f"{source}, boards[{k}].bow_mm",
+                "set it to 0, or choose matt or retro ink",
+            )  # fmt: skip
+
+
 def _visible_paint(scene: SceneFile, source: str) -> None:
-    if scene.paint.white <= scene.paint.black:
+    paint, inks = scene.paint, {scene.paint.ink, *(board.ink for board in scene.boards)}
+    if paint.white <= paint.black:
         raise TestfieldError(
             f"white ({scene.paint.white}) is not brighter than black ({scene.paint.black})", f"{source}, paint.white",
             "raise it; for black marks on white set paint.white_on_black = false",
         )  # fmt: skip
+    for ink in ("retro", "luminous"):
+        if ink in inks and not paint.white_on_black:
+            raise TestfieldError(
+                f"ink '{ink}' with white_on_black = false: the ink would be the black", f"{source}, paint.ink",
+                "set paint.white_on_black = true, or choose matt or gloss",
+            )  # fmt: skip
+    if "retro" in inks:
+        returned = retro_reflectance(paint.retro.coefficient_cd_lx_m2, paint.retro.half_observation_deg)
+        if paint.retro.matt + returned > 1:
+            raise TestfieldError(
+                f"value {paint.retro.coefficient_cd_lx_m2}: with half_observation_deg = "
+                f"{paint.retro.half_observation_deg} it returns {returned:.2f} of the light, with matt = "
+                f"{paint.retro.matt} more than falls on it", f"{source}, paint.retro.coefficient_cd_lx_m2", "lower one",
+            )  # fmt: skip
+    if "gloss" in inks and paint.gloss.roughness < SMOOTHEST and scene.camera.psf_sigma_px:
+        raise TestfieldError(
+            f"value {paint.gloss.roughness} is rendered by path tracing, which carries no point spread, and "
+            f"camera.psf_sigma_px is {scene.camera.psf_sigma_px}", f"{source}, paint.gloss.roughness",
+            f"set camera.psf_sigma_px = 0, or give {SMOOTHEST} or more",
+        )  # fmt: skip
+
+
+def retro_reflectance(coefficient: float, half_observation_deg: float) -> float:
+    """Part of the light at normal entrance that the retro-reflecting lobe returns: its integral over directions."""
+    return float(coefficient * np.pi * np.radians(half_observation_deg) ** 2 / np.log(2))
 
 
 def _unique_names(scene: SceneFile, source: str) -> None:
@@ -244,6 +282,15 @@ def _joined(world: World, views: Views, source: str) -> list[str]:
 
 
 def _lit(scene: SceneFile, source: str) -> list[str]:
-    if not scene.room.lights and scene.room.ambient_w_m2_sr == 0:
-        raise TestfieldError("the scene has no light", f"{source}, room", "add room.lights or ambient_w_m2_sr")
+    room, flash = scene.room, scene.camera.flash
+    inks = {scene.paint.ink, *(board.ink for board in scene.boards)}
+    flashes = flash is not None and flash.on
+    around = room.environment is not None or room.ambient_w_m2_sr > 0
+    if not room.lights and not around and not flashes and "luminous" not in inks:
+        raise TestfieldError(
+            "the scene has no light", f"{source}, room",
+            "add room.lights, ambient_w_m2_sr, an environment, or camera.flash",
+        )  # fmt: skip
+    if "retro" in inks and not flashes:
+        return [f"{source}: retro-reflective ink is seen without camera.flash, so it is no brighter than matt ink"]
     return []

@@ -13,6 +13,9 @@ from testfield.scene.schema import SceneFile
 
 UNITS = ("mm", "um", "px", "deg", "ms", "dn", "e", "ppm", "m", "cm", "rad", "s", "nm")
 
+BRANCHES = ("single", "arc", "ring", "grid", "random", "on_board", "on_mesh", "area", "point", "gradient", "map")
+"""Kinds of stations, targets and lights, which pydantic writes into the places of errors."""
+
 
 def load_scene(path: Path) -> SceneFile:
     """The scene in a TOML file.
@@ -45,6 +48,11 @@ def parse_scene(text: str, source: str, folder: Path = Path()) -> SceneFile:
         for item in data.get(name, []) if isinstance(data.get(name), list) else []:
             if isinstance(item, dict):
                 item.setdefault("generator", "single")
+    room = data.get("room")
+    lights = room.get("lights") if isinstance(room, dict) else None
+    for item in lights if isinstance(lights, list) else []:
+        if isinstance(item, dict):
+            item.setdefault("kind", "area")
     try:
         return SceneFile.model_validate(data).in_folder(folder)
     except ValidationError as error:
@@ -83,9 +91,7 @@ def _place(location: tuple) -> str:
     for key, before in zip(location, (None, *location), strict=False):
         if isinstance(key, int):
             text += f"[{key}]"
-        elif not (
-            isinstance(before, int) and key in ("single", "arc", "ring", "grid", "random", "on_board", "on_mesh")
-        ):
+        elif not (isinstance(before, int) and key in BRANCHES) and not (before == "environment" and key in BRANCHES):
             text += f".{key}" if text else str(key)
     return text
 
@@ -98,7 +104,8 @@ def _known_fields(location: tuple) -> list[str]:
             continue
         inside = [_models(m.model_fields[key].annotation) for m in models if key in m.model_fields]
         found = [m for part in inside for m in part]
-        models = found or [m for m in models if key in str(m.model_fields.get("generator", ""))] or models
+        kind = [m for m in models if key in str(m.model_fields.get("generator", m.model_fields.get("kind", "")))]
+        models = found or kind or models
     return sorted({name for model in models for name in model.model_fields})
 
 

@@ -22,6 +22,7 @@ from testfield.sensor.presets import presets, with_preset
 Vector3 = tuple[float, float, float]
 Pair = tuple[float, float]
 Size = tuple[PositiveFloat, PositiveFloat]
+Ink = Literal["matt", "gloss", "retro", "luminous"]
 Count = Annotated[int, Field(ge=1, le=1000)]
 
 
@@ -108,6 +109,18 @@ class TargetMotionPart(MotionPart):
     about_mm: Vector3 = Field((0, 0, 0), description="The point the rotation goes about.")
 
 
+class FlashPart(_Part):
+    """A ring flash around the lens that travels with the camera: equal points on a circle, shining forwards."""
+
+    on: bool = Field(True, description="Whether it fires.")
+    radius_mm: PositiveFloat = Field(40.0, description="Radius of the ring.")
+    points: int = Field(16, ge=1, le=256, description="Equal points on the ring.")
+    radiant_intensity_w_sr: PositiveFloat = Field(description="Of the whole ring, along the optical axis.")
+    falloff_exponent: float = Field(
+        1.0, ge=0, le=100, description="Intensity falls as cos^n of the angle from the optical axis."
+    )
+
+
 class CameraPart(_Part):
     """The camera body and its lens, as they truly are. The measuring side is told only the image size."""
 
@@ -153,6 +166,7 @@ class CameraPart(_Part):
     )
     natural_vignetting: bool = Field(False, description="Fall-off with the fourth power of the field angle's cosine.")
     motion: MotionPart | None = Field(None, description="How the camera moves during the exposure, in its own frame.")
+    flash: FlashPart | None = Field(None, description="Ring flash around the lens.")
 
 
 class SensorPart(_Part):
@@ -245,6 +259,7 @@ class BoardPart(_Part):
     spin_deg: float = Field(0, description="Rotation about the normal, counter-clockwise seen from the front.")
     extension_zone: ExtensionZone = Field(ExtensionZone(), description="The plain dots.")
     recognition_zone: RecognitionZone = Field(RecognitionZone(first_code=1), description="The coded targets.")
+    ink: Ink | None = Field(None, description="Material of its ink; absent, that of paint.ink.")
     print_sigma_mm: float = Field(
         0.01, ge=0, le=10, description="Standard deviation of each mark's true x and y about the nominal."
     )
@@ -422,21 +437,108 @@ class SurfacePart(_Part):
     albedo: float = Field(0.5, ge=0, le=0.95, description="Diffuse reflectance.")
 
 
-class LightPart(_Part):
+class AreaLightPart(_Part):
     """A soft rectangular light."""
 
+    kind: Literal["area"] = "area"
     size_mm: Size = Field(description="Width and height.")
     position_mm: Vector3 = Field(description="Where its middle is.")
     normal: Direction = Field((0, 0, -1), description="Direction it shines.")
     radiance_w_m2_sr: PositiveFloat = Field(description="Radiance of its surface.")
 
 
+class PointLightPart(_Part):
+    """A light without size, alike in all directions; its shadows are hard."""
+
+    kind: Literal["point"]
+    position_mm: Vector3 = Field(description="Where it is.")
+    intensity_w_sr: PositiveFloat = Field(description="Radiant intensity.")
+
+
+LightPart = Annotated[AreaLightPart | PointLightPart, Field(discriminator="kind")]
+
+
+class GradientPart(_Part):
+    """Light from all around that changes with height alone."""
+
+    kind: Literal["gradient"]
+    zenith_w_m2_sr: float = Field(ge=0, description="Radiance from straight above.")
+    horizon_w_m2_sr: float = Field(ge=0, description="Radiance from the horizon.")
+    ground_w_m2_sr: float = Field(ge=0, description="Radiance from straight below.")
+
+    @model_validator(mode="after")
+    def _has_power(self) -> "GradientPart":
+        if self.zenith_w_m2_sr == self.horizon_w_m2_sr == self.ground_w_m2_sr == 0:
+            raise ValueError("an environment without any radiance; give one of the three, or leave it out")
+        return self
+
+
+class MapPart(_Part):
+    """Light from all around, from an equirectangular picture."""
+
+    kind: Literal["map"]
+    file: str = Field(
+        description="EXR, HDR or PNG, its middle the world's +y and its top the zenith; PNG is decoded from sRGB. "
+        "A relative path counts from where the command is started."
+    )
+    scale_w_m2_sr: PositiveFloat = Field(1.0, description="Radiance of a pixel of value 1.")
+    azimuth_deg: float = Field(0, description="Turn about the vertical, counter-clockwise seen from above.")
+
+
+EnvironmentPart = Annotated[GradientPart | MapPart, Field(discriminator="kind")]
+
+
 class RoomPart(_Part):
     """What stands around the field, and the light."""
 
     surfaces: tuple[SurfacePart, ...] = Field((), description="Floor, walls and other plain surfaces.")
-    lights: tuple[LightPart, ...] = Field((), description="Area lights.")
+    lights: tuple[LightPart, ...] = Field((), description="Area lights and point lights.")
     ambient_w_m2_sr: float = Field(0.5, ge=0, description="Radiance that comes from every direction no surface hides.")
+    environment: EnvironmentPart | None = Field(
+        None, description="Light from all around that is not constant, in the place of ambient_w_m2_sr."
+    )
+
+    @model_validator(mode="after")
+    def _one_environment(self) -> "RoomPart":
+        if self.environment is not None and "ambient_w_m2_sr" in self.model_fields_set and self.ambient_w_m2_sr:
+            raise ValueError(
+                f"ambient_w_m2_sr = {self.ambient_w_m2_sr} and an environment are both given; give one of them"
+            )
+        return self
+
+
+class RetroPart(_Part):
+    """Retro-reflective ink (glass beads), by its coefficient of retroreflection R_A."""
+
+    coefficient_cd_lx_m2: PositiveFloat = Field(
+        300.0, description="R_A at normal entrance and observation angle zero, in cd / (lx m^2), that is 1 / sr."
+    )
+    half_entrance_deg: float = Field(
+        45.0, gt=0, le=80,
+        description="Entrance angle at which R_A has halved; it falls as 2^-(angle / half)^4, flat at first.",
+    )  # fmt: skip
+    half_observation_deg: float = Field(
+        0.8, ge=0.1, le=10, description="Observation angle at which R_A has halved; it falls as 2^-(angle / half)^2."
+    )
+    matt: float = Field(0.35, gt=0, le=0.95, description="The ink's diffuse reflectance, which ordinary light meets.")
+    shift_um_at_40_deg: float = Field(
+        0.0, ge=-1000, le=1000,
+        description="How far what retro-reflects lies from the print when seen 40 degrees off the normal, towards the "
+        "viewer; proportional to the sine. The truth stays at the print.",
+    )  # fmt: skip
+
+
+class GlossPart(_Part):
+    """A clear rough coat (GGX) over ink and ground, its light added to that of the matt paint below."""
+
+    roughness: float = Field(0.3, ge=0.01, le=1, description="GGX alpha; below 0.1 the image is path traced.")
+    reflectance: float = Field(0.04, gt=0, le=1, description="Reflectance at normal incidence; Schlick's law beyond.")
+
+
+class LuminousPart(_Part):
+    """Ink that shines by itself."""
+
+    radiance_w_m2_sr: PositiveFloat = Field(1.0, description="Radiance of the ink, alike in all directions.")
 
 
 class MeshPart(_Part):
@@ -459,6 +561,14 @@ class PaintPart(_Part):
     black: float = Field(0.04, ge=0, le=0.95, description="Diffuse reflectance of black.")
     back: float = Field(0.4, ge=0, le=0.95, description="Diffuse reflectance of the backs.")
     white_on_black: bool = Field(True, description="White marks on black ground; false for the reverse.")
+    ink: Ink = Field(
+        "matt",
+        description="Of all marks but those of boards with an `ink` of their own. gloss coats ink and ground; retro "
+        "and luminous are the ink's alone.",
+    )
+    retro: RetroPart = RetroPart()
+    gloss: GlossPart = GlossPart()
+    luminous: LuminousPart = LuminousPart()
 
 
 class RenderPart(_Part):
@@ -474,6 +584,13 @@ class RenderPart(_Part):
         64, ge=2, le=4096, description="fast: the most sharp pictures whose mean makes a defocused or moved one."
     )
     samples: int = Field(64, ge=1, description="path: samples a pixel.")
+    noise_target: float = Field(
+        0.005, gt=0, le=1,
+        description="What must be sampled (gloss) is, until each pixel's standard error is this part of white.",
+    )  # fmt: skip
+    most_samples: int = Field(
+        4096, ge=64, description="Where a pixel's sampling ends even if noise_target is not reached."
+    )
 
 
 class MeasurePart(_Part):

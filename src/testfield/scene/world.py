@@ -16,6 +16,11 @@ BOARD, BAR, CHECK = 0, 1, 2
 """What a mark serves: a board's layout, an end of a scale bar, a check target."""
 CLEAN_POINTS = 4096
 ROLES = ("board", "bar", "check")
+MATT, GLOSS, RETRO, LUMINOUS = 0, 1, 2, 3
+"""What the marks on a panel are made of; GLOSS is a coat on ink and ground."""
+SMOOTHEST = 0.1
+"""Width of a coat below which light that it throws on other panels has edges, which the fast renderer cannot carry."""
+INKS = ("matt", "gloss", "retro", "luminous")
 
 
 @dataclass(frozen=True)
@@ -26,7 +31,7 @@ class Panels:
     that is seen. `size_mm` (n, 2); `ground_albedo`, `ink_albedo` (n,) diffuse reflectance beside and on the marks.
     `curvature_per_mm`, `bend_axis_rad` (n,) as in `bend.py`, where absent all panels are flat; x and y of a bent panel
     are those of its flat paper. `of_room` (n,) whether it belongs to the room, which stands still where the target
-    moves; where absent none does.
+    moves; where absent none does. `ink` (n,) of MATT, GLOSS, RETRO, LUMINOUS, all matt where it is None.
     """
 
     name: tuple[str, ...]
@@ -37,11 +42,16 @@ class Panels:
     curvature_per_mm: np.ndarray = None  # type: ignore[assignment]
     bend_axis_rad: np.ndarray = None  # type: ignore[assignment]
     of_room: np.ndarray = None  # type: ignore[assignment]
+    ink: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         for name, kind in (("curvature_per_mm", float), ("bend_axis_rad", float), ("of_room", bool)):
             if getattr(self, name) is None:
                 object.__setattr__(self, name, np.zeros(len(self.name), kind))
+
+    def carry(self, ink: int) -> np.ndarray:
+        """(n,) bool: which panels carry this ink."""
+        return np.zeros(len(self), bool) if self.ink is None else self.ink == ink
 
     def __len__(self) -> int:
         return len(self.name)
@@ -142,6 +152,66 @@ class TrueMesh:
 
 
 @dataclass(frozen=True)
+class PointLight:
+    """A light without size: `position_mm` (3,), `intensity_w_sr` alike in all directions."""
+
+    position_mm: np.ndarray
+    intensity_w_sr: float
+
+
+@dataclass(frozen=True)
+class Sky:
+    """Light from all around: `radiance` (rows, columns) in W/(m^2 sr), equirectangular.
+
+    Rows lead from the zenith to straight below; the middle column looks along `azimuth_rad` from +y, counter-clockwise
+    seen from above, and columns go on to its right.
+    """
+
+    radiance: np.ndarray
+    azimuth_rad: float = 0.0
+
+
+@dataclass(frozen=True)
+class RingFlash:
+    """`points` equal point lights on a circle of `radius_mm` around the projection centre, square to the optical axis.
+
+    Together they have `intensity_w_sr` along the axis, and cos^`falloff` of the angle from it elsewhere.
+    """
+
+    radius_mm: float
+    points: int
+    intensity_w_sr: float
+    falloff: float
+
+    def places_mm(self, camera_from_world: Poses, station: int) -> np.ndarray:
+        """(points, 3) in the world."""
+        angle = 2 * np.pi * (np.arange(self.points) + 0.5) / self.points
+        ring = self.radius_mm * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(self.points)])
+        return ring @ camera_from_world.R[station] + camera_from_world.origin_mm[station]
+
+
+@dataclass(frozen=True)
+class Retro:
+    """Retro-reflective ink: R_A = `coefficient` 2^-(entrance / half)^4 2^-(observation / half)^2, in 1/sr.
+
+    What retro-reflects lies `shift_mm` times the sine of the viewing angle from the print, towards the viewer.
+    """
+
+    coefficient: float
+    half_entrance_rad: float
+    half_observation_rad: float
+    shift_mm: float = 0.0
+
+
+@dataclass(frozen=True)
+class Gloss:
+    """A rough coat: GGX of width `alpha`, `reflectance` at normal incidence with Schlick's law."""
+
+    alpha: float
+    reflectance: float
+
+
+@dataclass(frozen=True)
 class World:
     """Everything that exists, in millimetres in the world frame (z up).
 
@@ -149,7 +219,8 @@ class World:
     `ambient_radiance` in W/(m^2 sr) from all around, `field` what the measuring side is told, `field_diagonal_mm` of
     the declared measuring volume, `meshes` bodies of other shapes than panels, `optics` depth of field, diffraction,
     vignetting, `motion` while the shutter is open: the world is as it stands in the middle of the exposure; `dirt` the
-    spots on its panels.
+    spots on its panels. `point_lights`; `sky` in the place of `ambient_radiance`; `flash` of the camera; `retro`,
+    `gloss` and `luminous_radiance` say what the panels' inks of these kinds are like.
     """
 
     name: str
@@ -169,6 +240,12 @@ class World:
     optics: Optics = PINHOLE
     motion: Motion = UNMOVED
     dirt: Dirt = Dirt()
+    point_lights: tuple[PointLight, ...] = ()
+    sky: Sky | None = None
+    flash: RingFlash | None = None
+    retro: Retro | None = None
+    gloss: Gloss | None = None
+    luminous_radiance: float = 0.0
 
     @property
     def mark_clean(self) -> np.ndarray:
