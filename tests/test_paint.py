@@ -48,7 +48,7 @@ def world_of(ink: int = 0, tilt_deg: float = 0.0, **more: object) -> World:
     R = np.array([[1, 0, 0], [0, np.cos(a), -np.sin(a)], [0, np.sin(a), np.cos(a)]])
     panels = Panels(
         ("A",), Poses(R[None], np.zeros((1, 3))), np.array([[900.0, 900.0]]), np.array([GROUND]), np.array([INK]),
-        np.array([ink]),
+        ink=np.array([ink]),
     )  # fmt: skip
     zero = np.zeros(1, int)
     marks = TrueMarks(zero, np.zeros((1, 2)), np.array([2 * RADIUS_MM]), zero, zero, zero, zero)
