@@ -80,7 +80,7 @@ def test_blur_moves_nothing_by_itself(world: World) -> None:
     found = shots(blurred, 0, 64)
     assert 8 < len(found) <= 64
     assert np.abs(found.mean(axis=0)).max() < 1e-15
-    assert (found[:, :2] ** 2).mean(axis=0) == pytest.approx([2.5**2 / 4] * 2, rel=0.1)
+    assert (found[:, :2] ** 2).mean(axis=0) == pytest.approx([2.5**2 / 4] * 2, rel=1e-12)
     assert (found[:, 2] ** 2).mean() == pytest.approx(0.01**2 / 12, rel=1 / len(found) ** 2)
     assert np.array_equal(shots(world, 0, 64), np.zeros((1, 3)))
 

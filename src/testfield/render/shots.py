@@ -23,10 +23,13 @@ def shots(world: World, station: int, most: int) -> np.ndarray:
     )
     half = max(1, min(most, int(FEWEST + circle**2 + 2 * streak)) // 2)
     k = np.arange(half)
-    radius = np.sqrt((k + 0.5) / half) * world.optics.aperture_mm / 2
+    radius = np.sqrt((k + 0.5) / half)
+    pupil = radius[:, None] * np.column_stack([np.cos(GOLDEN_ANGLE * k), np.sin(GOLDEN_ANGLE * k)])
+    if half > 1:
+        # A few points are a little longer one way than the other: make their second moments a disc's, exactly.
+        length, way = np.linalg.eigh(pupil.T @ pupil / half)
+        pupil = pupil @ (way / np.sqrt(4 * length)) @ way.T
     signed = (k * 0.7548776662466927 + 0.25) % 1 - 0.5
     part = np.sign(signed + 1e-12) * (np.argsort(np.argsort(np.abs(signed))) + 0.5) / (2 * half)
-    one = np.column_stack(
-        [radius * np.cos(GOLDEN_ANGLE * k), radius * np.sin(GOLDEN_ANGLE * k), part * world.motion.exposure_s]
-    )
+    one = np.column_stack([pupil * world.optics.aperture_mm / 2, part * world.motion.exposure_s])
     return np.concatenate([one, -one])

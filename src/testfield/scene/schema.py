@@ -440,7 +440,7 @@ class SurfacePart(_Part):
 class AreaLightPart(_Part):
     """A soft rectangular light."""
 
-    kind: Literal["area"] = "area"
+    kind: Literal["area"] = Field("area", description="A soft rectangle.")
     size_mm: Size = Field(description="Width and height.")
     position_mm: Vector3 = Field(description="Where its middle is.")
     normal: Direction = Field((0, 0, -1), description="Direction it shines.")
@@ -450,7 +450,7 @@ class AreaLightPart(_Part):
 class PointLightPart(_Part):
     """A light without size, alike in all directions; its shadows are hard."""
 
-    kind: Literal["point"]
+    kind: Literal["point"] = Field(description="A light without size.")
     position_mm: Vector3 = Field(description="Where it is.")
     intensity_w_sr: PositiveFloat = Field(description="Radiant intensity.")
 
@@ -461,7 +461,7 @@ LightPart = Annotated[AreaLightPart | PointLightPart, Field(discriminator="kind"
 class GradientPart(_Part):
     """Light from all around that changes with height alone."""
 
-    kind: Literal["gradient"]
+    kind: Literal["gradient"] = Field(description="From the zenith over the horizon to straight below.")
     zenith_w_m2_sr: float = Field(ge=0, description="Radiance from straight above.")
     horizon_w_m2_sr: float = Field(ge=0, description="Radiance from the horizon.")
     ground_w_m2_sr: float = Field(ge=0, description="Radiance from straight below.")
@@ -476,7 +476,7 @@ class GradientPart(_Part):
 class MapPart(_Part):
     """Light from all around, from an equirectangular picture."""
 
-    kind: Literal["map"]
+    kind: Literal["map"] = Field(description="An equirectangular picture.")
     file: str = Field(
         description="EXR, HDR or PNG, its middle the world's +y and its top the zenith; PNG is decoded from sRGB. "
         "A relative path counts from where the command is started."
