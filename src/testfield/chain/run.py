@@ -14,11 +14,11 @@ from testfield.chain.code import PACKAGES, code_digest, package_version
 from testfield.chain.files import Ledger, digest, whole
 from testfield.errors import TestfieldError
 from testfield.registry import STAGES, names
+from testfield.scene import meshes, sky
 from testfield.scene.build import build_world
 from testfield.scene.check import check_scene
 from testfield.scene.load import load_scene, parse_scene
-from testfield.scene.meshes import copy_name, mesh_path
-from testfield.scene.schema import SceneFile
+from testfield.scene.schema import MapPart, SceneFile
 from testfield.scene.truth import Views, see
 from testfield.scene.world import World
 from testfield.targets.field import Field
@@ -89,8 +89,11 @@ def begin(scene_path: Path, out: Path | None, seed: int | None, jobs: int) -> tu
             leftover.unlink(missing_ok=True)
     with whole(folder / "scene.toml") as path:
         path.write_text(text)
-    for part in scene.meshes:  # so that the folder needs nothing outside it
-        source, copy = mesh_path(part, scene.folder), folder / copy_name(part)
+    named = [(meshes.mesh_path(part, scene.folder), meshes.copy_name(part)) for part in scene.meshes]
+    if isinstance(around := scene.room.environment, MapPart):
+        named.append((sky.map_path(around, scene.folder), sky.copy_name(around)))
+    for source, name in named:  # so that the folder needs nothing outside it
+        copy = folder / name
         if source.resolve() != copy.resolve():
             with whole(copy) as path:
                 shutil.copyfile(source, path)

@@ -233,7 +233,7 @@ def build_world(scene: SceneFile) -> World:
         for lamp in scene.room.lights
         if isinstance(lamp, PointLightPart)
     )
-    sky = None if scene.room.environment is None else sky_of(scene.room.environment, "room.environment")
+    sky = None if scene.room.environment is None else sky_of(scene.room.environment, "room.environment", scene.folder)
     names, station_R, station_t = generators.stations(scene.stations, seed)
     field = Field(
         scene.code_bits,

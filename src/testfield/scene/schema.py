@@ -479,7 +479,7 @@ class MapPart(_Part):
     kind: Literal["map"] = Field(description="An equirectangular picture.")
     file: str = Field(
         description="EXR, HDR or PNG, its middle the world's +y and its top the zenith; PNG is decoded from sRGB. "
-        "A relative path counts from where the command is started."
+        "Relative to the scene file."
     )
     scale_w_m2_sr: PositiveFloat = Field(1.0, description="Radiance of a pixel of value 1.")
     azimuth_deg: float = Field(0, description="Turn about the vertical, counter-clockwise seen from above.")

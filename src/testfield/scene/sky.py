@@ -13,15 +13,29 @@ LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 """Weights of linear red, green and blue (Rec. 709)."""
 
 
-def sky_of(part: GradientPart | MapPart, where: str) -> Sky:
-    """The environment a scene asks for; `where` names the field. Raises `TestfieldError` for a file that is none."""
+def map_path(part: MapPart, folder: Path) -> Path:
+    """Where a map's file is: as the scene names it or, in a run's folder, the copy made when it was run."""
+    named, copy = folder / part.file, folder / copy_name(part)
+    return named if named.exists() or not copy.is_file() else copy
+
+
+def copy_name(part: MapPart) -> str:
+    """Name of the copy of a map's file in a run's folder."""
+    return f"environment_as_run{Path(part.file).suffix}"
+
+
+def sky_of(part: GradientPart | MapPart, where: str, folder: Path = Path()) -> Sky:
+    """The environment a scene asks for; `where` names the field, `folder` is what its file is relative to.
+
+    Raises `TestfieldError` for a file that is none.
+    """
     if isinstance(part, GradientPart):
         height = np.sin(np.linspace(np.pi / 2, -np.pi / 2, GRADIENT_ROWS))
         ends = np.where(height > 0, part.zenith_w_m2_sr, part.ground_w_m2_sr)
         rows = part.horizon_w_m2_sr + (ends - part.horizon_w_m2_sr) * np.abs(height)
         return Sky(np.repeat(rows[:, None], GRADIENT_COLUMNS, axis=1).astype(np.float32))
     place = f"{where}.file"
-    values = _grey(_read(Path(part.file), place)) * part.scale_w_m2_sr
+    values = _grey(_read(map_path(part, folder), place)) * part.scale_w_m2_sr
     if not np.isfinite(values).all() or values.min() < 0 or values.max() == 0:
         raise TestfieldError(
             f"value {part.file}: the picture has no light, or values below zero or not finite", place, "mend it"
@@ -34,7 +48,7 @@ def _read(path: Path, place: str) -> np.ndarray:
     import cv2
 
     if not path.is_file():
-        raise TestfieldError(f"value {path}: no such file", place, "relative paths count from the current folder")
+        raise TestfieldError(f"value {path}: no such file", place, "paths are relative to the scene file")
     if path.suffix.lower() == ".exr":
         return _read_exr(path, place)
     image = cv2.imread(str(path), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR)
