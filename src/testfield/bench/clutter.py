@@ -118,8 +118,8 @@ def _background(panels: _Panels, marks: list, random: np.random.Generator) -> No
         np.array([0, 0, 6500.0]), rotation(np.array([0.1, 0.1, 0])) @ np.diag([1.0, -1, -1]), (9000, 8000), tone, 0
     )
     for _ in range(14):  # boxes
-        size = tuple(random.uniform(80, 1400, 2))
-        panels.add(_place(random, 4600, 5800), _turn(random, 1.1), size, random.uniform(0.02, 0.9), 0)
+        box = (random.uniform(80, 1400), random.uniform(80, 1400))
+        panels.add(_place(random, 4600, 5800), _turn(random, 1.1), box, random.uniform(0.02, 0.9), 0)
     for _ in range(7):  # lines of strokes, like text
         at, R = _place(random, 4000, 4500), _turn(random, 0.8)
         paper, print_, height = random.uniform(0.02, 0.9), random.uniform(0.02, 0.9), random.uniform(15, 70)
@@ -177,7 +177,7 @@ def _targets(
         size_px = np.exp(random.uniform(*np.log(sizes_px)))
         diameter = size_px / np.sqrt(np.cos(tilt)) * depth / FOCAL_PX
         code = 0 if k % 4 == 3 else int(random.integers(1, len(code_words(bits)) + 1))
-        side = diameter * (quiet if code else random.uniform(1.8, quiet))
+        side = diameter * quiet
         panel = panels.add(at, R, (side, side), ground, print_)
         mine.append(len(marks))
         marks.append((panel, np.zeros(2), diameter, code))

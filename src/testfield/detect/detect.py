@@ -22,8 +22,9 @@ WINDOW_PIXELS = 400_000
 """Pixels in windows that are fitted at once."""
 WORST_MISFIT = 0.06
 """Rms residual beyond noise, as a fraction of the contrast, above which a blob is no dot."""
-WORST_UNEVEN = 0.3
-"""The same where the edge's shape is asked separately."""
+WORST_UNEVEN, CERTAIN_CHI2 = ((4.0, 12.0), (0.04, 0.3)), 2.0
+"""The same where the edge's shape is asked separately: at radii in px, and where chance does not explain it. Shadows
+cross large dots; a small one has no edge that could tell it from a square."""
 DISTURBED, DISTURBED_CHI2, UNUSUAL = 0.004, 1.6, 3.0
 """A dot is partly hidden or touched by something where its residual beyond noise exceeds the first, as a fraction of
 the contrast, and the third times what is usual in the image, and its chi-squared exceeds the second times what is usual
@@ -95,18 +96,24 @@ def measure_targets(
     rough_ok = rough.ok & (_diameter(rough.moments_px2) > 0.7 * smallest_px)
     rough_ok &= may_be_dots(image, rough.xy_px, rough.moments_px2, rough.contrast_dn, noise)
     xy, moments, cut = rough.xy_px[rough_ok], rough.moments_px2[rough_ok], blobs.cut[rough_ok]
-    elliptic = is_elliptic(image, xy, moments, ROUGHLY)
+    elliptic = is_elliptic(image, xy, moments, (noise / rough.contrast_dn)[rough_ok], ROUGHLY)
     xy, moments, cut = xy[elliptic], moments[elliptic], cut[elliptic]
-    centres = in_parts(find("centroids", centroid), image, sheet, xy, moments)
+    if centroid == "grey_centroid":
+        rows = np.flatnonzero(rough_ok)[elliptic]
+        centres = Centres(**{name: values[rows] for name, values in vars(rough).items()})
+    else:
+        centres = in_parts(find("centroids", centroid), image, sheet, xy, moments)
     n = len(xy)
     status = np.full(n, MEASURED, dtype=object)
     status[~centres.ok] = "no ellipse fits"
     with np.errstate(invalid="ignore"):
+        noise = np.sqrt(sheet.variance_dn2(centres.background_dn + centres.contrast_dn / 2))
         if by_contour:
-            not_elliptic = ~is_elliptic(image, centres.xy_px, centres.moments_px2) | (centres.misfit > WORST_UNEVEN)
+            not_elliptic = ~is_elliptic(image, centres.xy_px, centres.moments_px2, noise / centres.contrast_dn)
+            worst = np.interp(_diameter(centres.moments_px2) / 2, *WORST_UNEVEN)
+            not_elliptic |= (centres.misfit > worst) & (centres.chi2 > CERTAIN_CHI2)
         else:
             not_elliptic = centres.misfit > WORST_MISFIT
-        noise = np.sqrt(sheet.variance_dn2(centres.background_dn + centres.contrast_dn / 2))
         diameter = _diameter(centres.moments_px2)
         for bad, why in (
             (cut, "cut by the image's edge"),

@@ -66,11 +66,14 @@ def _blobs_of_level(
     """Centres and moments in full pixels, fullness and whether cut, of the blobs in an image reduced by `scale`."""
     window = min(window, 2 * min(level_dn.shape) - 1)
     mean = cv2.blur(level_dn, (window, window), borderType=cv2.BORDER_REFLECT)
-    noise = np.sqrt(sheet.variance_dn2(mean)).astype(np.float32)
-    bright = (level_dn - mean) > (NOISE_FACTOR / scale) * noise
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(bright.view(np.uint8), connectivity=4)
-    x0, y0, width, height, area = stats.T
     h, w = level_dn.shape
+    # The mean is smooth, so its noise is computed at some places only.
+    coarse = cv2.resize(mean, (-(-w // 4), -(-h // 4)), interpolation=cv2.INTER_LINEAR)
+    noise = np.sqrt(sheet.variance_dn2(coarse)).astype(np.float32)
+    threshold = cv2.scaleAdd(cv2.resize(noise, (w, h), interpolation=cv2.INTER_LINEAR), NOISE_FACTOR / scale, mean)
+    bright = cv2.compare(level_dn, threshold, cv2.CMP_GT)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(bright, connectivity=4)
+    x0, y0, width, height, area = stats.T
     smallest_area = max(0.5 * np.pi / 4 * smallest_px**2 * FLATTEST, 6)
     keep = (area >= smallest_area) & (np.maximum(width, height) <= 1.1 * window)
     keep &= np.maximum(width, height) >= max(0.7 * smallest_px, 3)
@@ -82,9 +85,11 @@ def _blobs_of_level(
         return np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0), np.zeros(0, bool)
 
     # Moments of all kept blobs in one sweep over their pixels.
-    index = np.flatnonzero(keep.take(labels.ravel()))
+    index = np.flatnonzero(bright.ravel())
+    label = labels.ravel()[index]
+    index, label = index[keep[label]], label[keep[label]]
     rows, columns = index // w, index % w
-    blob = (np.cumsum(keep) - 1)[labels.ravel()[index]]
+    blob = (np.cumsum(keep) - 1)[label]
     size = np.bincount(blob, minlength=n)
     cx, cy = (np.bincount(blob, weights=v, minlength=n) / size for v in (columns, rows))
     dx, dy = columns - cx[blob], rows - cy[blob]

@@ -55,18 +55,18 @@ def polar(image: np.ndarray, xy_px: np.ndarray, half_axes: np.ndarray, radius: f
     """(n, count) bilinear values on the ellipses of relative `radius`, at equal angles clockwise in the image (the
     first half a step from +x); NaN outside the image."""
     angle = 2 * np.pi * (np.arange(count) + 0.5) / count
-    circle = radius * np.column_stack([np.cos(angle), np.sin(angle)])
-    return sample(image, xy_px[:, None, :] + np.einsum("nij,kj->nki", half_axes, circle))
+    circle = radius * np.stack([np.cos(angle), np.sin(angle)])
+    along_x, along_y = half_axes[:, 0] @ circle, half_axes[:, 1] @ circle
+    return sample(image, xy_px[:, :1] + along_x, xy_px[:, 1:] + along_y)
 
 
-def sample(image: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Bilinear values at (n, k, 2) pixels, NaN outside the image; in blocks that OpenCV's size limit allows."""
-    at = at.astype(np.float32)
-    out = np.empty(at.shape[:2], np.float32)
-    for start in range(0, len(at), 8192):
+def sample(image: np.ndarray, x_px: np.ndarray, y_px: np.ndarray) -> np.ndarray:
+    """Bilinear values at (n, k) places, NaN outside the image; in blocks that OpenCV's size limit allows."""
+    x, y = x_px.astype(np.float32), y_px.astype(np.float32)
+    out = np.empty(x.shape, np.float32)
+    for start in range(0, len(x), 8192):
         part = slice(start, start + 8192)
-        out[part] = cv2.remap(image, at[part, :, 0], at[part, :, 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        out[part] = cv2.remap(image, x[part], y[part], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     h, w = image.shape
-    outside = (at[..., 0] < -0.5) | (at[..., 1] < -0.5) | (at[..., 0] > w - 0.5) | (at[..., 1] > h - 0.5)
-    out[outside] = np.nan
+    out[(x < -0.5) | (y < -0.5) | (x > w - 0.5) | (y > h - 0.5)] = np.nan
     return out
