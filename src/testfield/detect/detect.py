@@ -96,7 +96,7 @@ def measure_targets(
     rough_ok = rough.ok & (_diameter(rough.moments_px2) > 0.7 * smallest_px)
     rough_ok &= may_be_dots(image, rough.xy_px, rough.moments_px2, rough.contrast_dn, noise)
     xy, moments, cut = rough.xy_px[rough_ok], rough.moments_px2[rough_ok], blobs.cut[rough_ok]
-    elliptic = is_elliptic(image, xy, moments, (noise / rough.contrast_dn)[rough_ok], ROUGHLY)
+    elliptic = is_elliptic(image, xy, moments, noise[rough_ok] / rough.contrast_dn[rough_ok], ROUGHLY)
     xy, moments, cut = xy[elliptic], moments[elliptic], cut[elliptic]
     if centroid == "grey_centroid":
         rows = np.flatnonzero(rough_ok)[elliptic]
@@ -106,7 +106,7 @@ def measure_targets(
     n = len(xy)
     status = np.full(n, MEASURED, dtype=object)
     status[~centres.ok] = "no ellipse fits"
-    with np.errstate(invalid="ignore"):
+    with np.errstate(invalid="ignore", divide="ignore"):
         noise = np.sqrt(sheet.variance_dn2(centres.background_dn + centres.contrast_dn / 2))
         if by_contour:
             not_elliptic = ~is_elliptic(image, centres.xy_px, centres.moments_px2, noise / centres.contrast_dn)
