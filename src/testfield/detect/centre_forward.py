@@ -336,7 +336,6 @@ def _model(batch: _Batch, theta: np.ndarray, place: _Placement | None) -> tuple[
 
 def _light(theta: np.ndarray, good: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Expected gradients (n, 4) of contrast and background in DN a px, and their inverse covariances (n, 4, 4)."""
-    axes = _axes(theta)
     diameter = 2 * _reach(theta)[0]
     expected, known = np.zeros((len(theta), 4)), np.zeros((len(theta), 4, 4))
     for k, name in ((0, CONTRAST), (2, BACKGROUND)):
