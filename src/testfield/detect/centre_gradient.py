@@ -12,6 +12,9 @@ LEAST_DIAMETER_PX, LEAST_POINTS = 6.0, 12
 STEEP = 0.1
 """A pixel may lie on an edge where its gradient exceeds this part of the contrast a px."""
 
+SAMPLING_PX = 0.026
+"""What the pixels' grid does to a point's place at a blur of about half a pixel, beside noise."""
+
 
 @register("centroids", "edge_gradient")
 def edge_gradient(image_dn: np.ndarray, sheet: SensorSheet, xy_px: np.ndarray, moments_px2: np.ndarray) -> Centres:
@@ -40,7 +43,8 @@ def edge_gradient(image_dn: np.ndarray, sheet: SensorSheet, xy_px: np.ndarray, m
             variance = 1.5 * p.square(p.noise) / np.where(steepest, 2 * bend, 1) ** 2
             # The offset runs along a pixel axis, the fit's distance across the edge.
             slant = size / np.maximum(np.hypot(*across), 1e-12)
-            precision.append(np.where(steepest, 1 / np.maximum(variance * slant**2, 1e-12), 0).reshape(p.values.shape))
+            doubt = variance * slant**2 + SAMPLING_PX**2
+            precision.append(np.where(steepest, 1 / doubt, 0).reshape(p.values.shape))
         start = xy_px[p.rows] - p.origin
         xy, covariance, moments, count = fit_ellipses(
             np.hstack(points_x), np.hstack(points_y), np.hstack(precision), start, moments_px2[p.rows]

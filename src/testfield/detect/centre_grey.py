@@ -6,6 +6,9 @@ from testfield.camera.images import SensorSheet
 from testfield.detect.centre import Centres, half_widths, usable, windows
 from testfield.registry import register
 
+SAMPLING_PX = 0.04
+"""Scatter over the phases of the grid, times the square root of the diameter, at a blur of about half a pixel."""
+
 
 @register("centroids", "grey_centroid")
 def grey_centroid(image_dn: np.ndarray, sheet: SensorSheet, xy_px: np.ndarray, moments_px2: np.ndarray) -> Centres:
@@ -31,6 +34,8 @@ def grey_centroid(image_dn: np.ndarray, sheet: SensorSheet, xy_px: np.ndarray, m
         xx, xy, yy = ((noise * v).sum(1) for v in (dx * dx, dx * dy, dy * dy))
         covariance = np.stack([np.stack([xx, xy], -1), np.stack([xy, yy], -1)], -2)
         binary = (weight > 0).astype(float)
+        # Which pixels pass the threshold depends on how the dot lies on the grid.
+        covariance += (SAMPLING_PX**2 / np.maximum(np.sqrt(binary.sum(1)), 1))[:, None, None] * np.eye(2)
         area = np.maximum(binary.sum(1), 1)
         mxx, mxy, myy = ((binary * v).sum(1) / area for v in (dx * dx, dx * dy, dy * dy))
         mxx, myy = mxx + 1 / 12, myy + 1 / 12  # a pixel is a square, not a point

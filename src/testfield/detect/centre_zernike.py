@@ -17,6 +17,8 @@ from testfield.registry import register
 
 SIDE = 7
 FINE = 64
+SAMPLING_PX = 0.027
+"""What the pixels' grid and the edge's bend and blur, of which the moments know nothing, do to a point's place."""
 LEAST_DIAMETER_PX, LEAST_POINTS, LEAST_STEP = 8.0, 12, 0.4
 
 
@@ -55,7 +57,9 @@ def edge_zernike(image_dn: np.ndarray, sheet: SensorSheet, xy_px: np.ndarray, mo
         # Neighbours share most of their pixels: together they are as good as rows of the mask summed along the edge.
         along = (masks()[2].sum(axis=0) ** 2).sum()
         variance = p.square(p.noise) * along * (SIDE / 2) ** 2 / strength**2
-        precision = np.where(nearest, 1 / variance, 0).reshape(p.values.shape)
+        # Along a slanting edge there is more than one such pixel a px.
+        share = np.maximum(np.abs(across_x), np.abs(across_y))
+        precision = np.where(nearest, share / (variance + SAMPLING_PX**2), 0).reshape(p.values.shape)
         x = p.x + (px * across_x).reshape(p.values.shape)
         y = p.y + (px * across_y).reshape(p.values.shape)
         xy, covariance, moments, count = fit_ellipses(x, y, precision, xy_px[p.rows] - p.origin, moments_px2[p.rows])
