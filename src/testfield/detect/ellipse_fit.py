@@ -28,8 +28,10 @@ def fit_ellipses(
         steep = np.maximum(np.hypot(gx, gy) / q, 1e-9)
         distance = (1 - q) / steep
         if k >= 2:
-            limit = OUTLIER * 1.4826 * np.nanmedian(np.where(there, np.abs(distance), np.nan), axis=1)
-            used = there & (np.abs(distance) < np.maximum(limit, 0.02)[:, None])
+            # Half of the points there are lie within the median; those that are not sort behind all others.
+            ranked = np.sort(np.where(there, np.abs(distance), np.inf), axis=1)
+            median = np.take_along_axis(ranked, there.sum(axis=1)[:, None] // 2, axis=1)
+            used = there & (np.abs(distance) < np.maximum(OUTLIER * 1.4826 * median, 0.02))
         else:
             used = there & (np.abs(distance) < FAR_PX)
         # By the parameters: how far the edge moves towards the point.
