@@ -34,7 +34,7 @@ FACTORS: dict[str, tuple[str, list[Any]]] = {
 QUICK = {"diameter": (2, 4, 6), "tilt": (0, 4), "snr": (2, 5), "blur": (0, 3), "gradient": (4,), "phase": (2,)}
 CORNERS = [
     Case(6.0, 60.0, 20.0), Case(6.0, 60.0, 200.0), Case(6.0, 0.0, 20.0), Case(40.0, 60.0, 200.0),
-    Case(40.0, 0.0, 200.0), Case(40.0, 60.0, 20.0), Case(12.0, 60.0, 200.0, 0.7, 0.04),
+    Case(40.0, 0.0, 200.0), Case(40.0, 60.0, 20.0), Case(12.0, 60.0, 200.0, 0.7, 0.01),
 ]  # fmt: skip
 """Where the requirement's range ends in several ways at once."""
 BEST, EXPOSURES, EXPOSURES_OF_OTHERS = "forward_model", 64, 24

@@ -67,8 +67,10 @@ def render_dots(case: Case, seed: int, cells: int = CELLS) -> Dots:
     width_mm = world.panels.size_mm[0, 0]
     slope = case.gradient / (case.diameter_px * DISTANCE_MM / FOCAL_PX)  # a mm
     nodes = np.pi * (1 + slope * width_mm / 2 * np.array([-1.0, 1, -1, 1]))
+    if nodes.min() < 0:
+        raise ValueError(f"the light would be negative at the board's rim: {case}")
     even = Irradiance.even(1, np.pi)
-    irradiance = replace(even, values=np.maximum(nodes, 0).astype(np.float32))
+    irradiance = replace(even, values=nodes.astype(np.float32))
     radiance = render_fast(build_stage(world), irradiance, 0, cells)
     light = 1 + slope * marks.xy_mm[:, 0]
     return Dots(case, world, radiance, sensor_of(case.snr), true.centroid_px, true.moments_px2, light)

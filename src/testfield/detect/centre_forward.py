@@ -33,12 +33,10 @@ _HARMLESS = np.array([0, 0, 2.0, 0, 2.0, 1.0, -1.0, 0, 0, 0, 0, 0])
 """Parameters that keep a lost dot from disturbing the others of its batch; its contrast says that it is lost."""
 CLEAR_OF_BLUR = 4.0
 """An edge is felt up to this many standard deviations of pixel and blur beyond it."""
-UNQUIET, UNQUIET_RING = 0.1, 0.02
-"""Scatter in units of the contrast, beside a dot and where a ring may begin, above which something may lie there."""
+UNQUIET = 0.1
+"""Scatter beside a dot, in units of its contrast, above which something may lie there."""
 WORST_PX = 0.5
 """Standard uncertainty at which a dot counts as not measured."""
-WORST_NEIGHBOUR = 0.02
-"""Misfit as a part of the contrast above which a blob is not asked about the light."""
 CONTRADICTION = 18.5
 """Chi-squared of four degrees of freedom, at 0.1 %, above which a dot's own gradients refuse its neighbours'."""
 
@@ -84,9 +82,7 @@ def forward_model(
         # First without gradients, which gives every dot's contrast; then with what the contrasts say of the light.
         batches = list(_batches(image_dn, theta))
         for batch, fit in zip(batches, pool.map(lambda b: _refine(b, sheet, interior, None), batches), strict=True):
-            theta[batch.rows] = batch.theta
-            # Arcs of rings are blobs too, but no dots: what they say of the light is nothing.
-            good[batch.rows] = fit.converged & (_misfit(batch, fit, sheet) < WORST_NEIGHBOUR)
+            theta[batch.rows], good[batch.rows] = batch.theta, fit.converged
             theta[batch.rows, :2] += batch.middle
         light = _light(theta, good)
         batches = list(_batches(image_dn, theta))
@@ -282,13 +278,9 @@ def _usable(batch: _Batch, theta: np.ndarray, sheet: SensorSheet) -> np.ndarray:
     beyond = batch.inside & wide & ((q - 1) * px_per_q > 2.5 / CLEAR_OF_BLUR * felt)
     count = np.maximum(beyond.sum(axis=(1, 2)), 1)
     mean = (batch.values * beyond).sum(axis=(1, 2)) / count
-    squares = (batch.values - mean[:, None, None]) ** 2
-    quiet = np.ones(len(theta), bool)
-    # What lies beside the dot as a whole, and what lies where a ring's blurred edge would.
-    for zone, tolerance in ((beyond, UNQUIET), (batch.inside & wide & ~narrow, UNQUIET_RING)):
-        count = np.maximum(zone.sum(axis=(1, 2)), 1)
-        noise = sheet.variance_dn2(mean) * (1 + 4 * np.sqrt(2 / count))
-        quiet &= (zone * squares).sum(axis=(1, 2)) / count < noise + (tolerance * theta[:, CONTRAST]) ** 2
+    scatter = (beyond * (batch.values - mean[:, None, None]) ** 2).sum(axis=(1, 2)) / count
+    noise = sheet.variance_dn2(mean) * (1 + 4 * np.sqrt(2 / count))
+    quiet = scatter < noise + (UNQUIET * theta[:, CONTRAST]) ** 2
     return np.where(quiet[:, None, None], wide, narrow)
 
 
@@ -364,13 +356,6 @@ def _drop_contradicted(normal: np.ndarray, gradient: np.ndarray, known: np.ndarr
     known[own - both > CONTRADICTION] = 0
 
 
-def _misfit(batch: _Batch, fit: _Fit, sheet: SensorSheet) -> np.ndarray:
-    """(n,) rms residual beyond noise, as a part of the contrast."""
-    excess = fit.use * ((batch.values - fit.model) ** 2 - sheet.variance_dn2(fit.model))
-    mean = excess.sum(axis=(1, 2)) / np.maximum(fit.use.sum(axis=(1, 2)), 1)
-    return np.sqrt(np.maximum(mean, 0)) / batch.theta[:, CONTRAST]
-
-
 def _centres(batch: _Batch, fit: _Fit, sheet: SensorSheet, interior: Interior | None) -> Centres:
     theta, use = batch.theta, fit.use
     normal = fit.normal.copy()
@@ -383,7 +368,8 @@ def _centres(batch: _Batch, fit: _Fit, sheet: SensorSheet, interior: Interior | 
     chi2 = (use * residual**2 / variance).sum(axis=(1, 2)) / freedom
     # What the model leaves unexplained, beyond chance, is doubt about the centre too.
     covariance = covariance * np.where(chi2 > 1 + 3 * np.sqrt(2 / freedom), chi2, 1.0)[:, None, None]
-    misfit = _misfit(batch, fit, sheet)
+    excess = (use * (residual**2 - variance)).sum(axis=(1, 2)) / np.maximum(count, 1)
+    misfit = np.sqrt(np.maximum(excess, 0)) / theta[:, CONTRAST]
     axes = _axes(theta)
     with np.errstate(invalid="ignore"):
         ok = fit.converged & (count > 12) & (np.einsum("nii->n", covariance) < WORST_PX**2)
