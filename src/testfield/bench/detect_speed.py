@@ -12,8 +12,8 @@ from scipy.spatial import cKDTree
 from testfield.camera.images import Frame
 from testfield.camera.interior import Interior
 from testfield.camera.pose import Poses
-from testfield.detect.decode import decode
-from testfield.detect.find import find_blobs
+from testfield.detect.detect import measure_targets
+from testfield.detect.observations import MEASURED
 from testfield.registry import find
 from testfield.render.fast import render_fast
 from testfield.render.irradiance import Irradiance
@@ -21,6 +21,7 @@ from testfield.render.stage import build_stage
 from testfield.scene.world import BOARD, Panels, TrueMarks, World
 from testfield.sensor.expose import Sensor, expose
 from testfield.targets.field import Field
+from testfield.targets.marks import RADII
 
 WIDTH_PX, HEIGHT_PX, COLUMNS, ROWS, DIAMETER_PX, BITS = 4096, 3000, 40, 30, 24.0, 14
 CODE_EVERY = 3
@@ -43,7 +44,7 @@ def bench_speed(quick: bool, tell: Callable[[str], None]) -> dict[str, Any]:
         by_targets = {c * r: _times(*image_of(c, r, WIDTH_PX, HEIGHT_PX)) for c, r in boards}
         sizes = [(WIDTH_PX // k, HEIGHT_PX // k) for k in (4, 2, 1)]
         by_pixels = {w * h: _times(*image_of(10, 7, w, h)) for w, h in sizes}
-        for name in ("find_s", "centre_and_decode_s", "forward_s"):
+        for name in ("find_centre_decode_s", "forward_s"):
             result[name.removesuffix("_s") + "_exponent_of_targets"] = _slope(
                 {n: t[name] for n, t in by_targets.items()}
             )
@@ -58,49 +59,34 @@ def _times(frame: Frame, true_px: np.ndarray) -> dict[str, Any]:
     settings.filterByColor, settings.blobColor = True, 255
     settings.minArea, settings.maxArea = np.pi / 4 * SMALLEST_PX**2, np.pi / 4 * LARGEST_PX**2
     detector = cv2.SimpleBlobDetector.create(settings)
-    centroid, forward = find("centroids", "grey_centroid"), find("centroids", "forward_model")
-    seconds: dict[str, list[float]] = {name: [] for name in ("find_s", "centre_and_decode_s", "forward_s", "opencv_s")}
+    forward = find("centroids", "forward_model")
+    seconds: dict[str, list[float]] = {name: [] for name in ("find_centre_decode_s", "forward_s", "opencv_s")}
     for _ in range(REPEATS):
         start = time.perf_counter()
-        xy, moments = find_blobs(image, frame.sheet, SMALLEST_PX, LARGEST_PX)
-        found = time.perf_counter()
-        centres = centroid(image, frame.sheet, xy, moments)
-        ok = centres.ok
-        code, _affine = decode(
-            image, centres.xy_px[ok], centres.moments_px2[ok], centres.contrast_dn[ok], centres.background_dn[ok], BITS
-        )
-        decoded = time.perf_counter()
-        # Parts of rings are blobs too; the forward model is asked for the dots.
-        target = np.flatnonzero(ok)[(code >= 0) & _near(true_px, centres.xy_px[ok])]
+        found = measure_targets(image, frame.sheet, "grey_centroid", SMALLEST_PX, BITS, RADII["1:2:3"], LARGEST_PX)
         begin = time.perf_counter()
-        fitted = forward(image, frame.sheet, xy[target], moments[target])
+        target = np.flatnonzero(found.status == MEASURED)
+        fitted = forward(image, frame.sheet, found.xy_px[target], found.moments_px2[target])
         fit = time.perf_counter()
         points = detector.detect(grey)
         end = time.perf_counter()
-        for name, value in zip(seconds, (found - start, decoded - found, fit - begin, end - fit), strict=True):
+        for name, value in zip(seconds, (begin - start, fit - begin, end - fit), strict=True):
             seconds[name].append(value)
     median = {name: float(np.median(values)) for name, values in seconds.items()}
-    ours = median["find_s"] + median["centre_and_decode_s"]
     return {
         "targets": len(true_px),
         "pixels": int(image.size),
-        "found": _matched(centres.xy_px[target], true_px),
+        "found": _matched(found.xy_px[target], true_px),
         "fitted": _matched(fitted.xy_px[fitted.ok], true_px),
         "opencv_found": _matched(np.array([point.pt for point in points]).reshape(-1, 2), true_px),
         **median,
-        "find_centre_decode_s": ours,
-        "opencv_over_ours": median["opencv_s"] / ours,
+        "opencv_over_ours": median["opencv_s"] / median["find_centre_decode_s"],
     }
-
-
-def _near(xy: np.ndarray, at_px: np.ndarray) -> np.ndarray:
-    """(n,) whether one of some centres lies within half a pixel of each of n places."""
-    return cKDTree(xy).query(at_px)[0] < 0.5 if len(xy) else np.zeros(len(at_px), bool)
 
 
 def _matched(xy: np.ndarray, true_px: np.ndarray) -> int:
     """How many true centres have one found within half a pixel."""
-    return int(_near(xy, true_px).sum())
+    return int((cKDTree(xy).query(true_px)[0] < 0.5).sum()) if len(xy) else 0
 
 
 def _slope(times: dict[int, float]) -> float:

@@ -9,6 +9,9 @@ WINDOW, RING_BEGINS, RING_CLEARANCE_PX = 1.6, 2.0, 1.8
 """Pixels up to WINDOW half-axes from the centre are used, but none whose distance from a possible ring is so small
 that the ring's blurred edge would reach it."""
 
+MOST_PIXELS = 400_000
+"""Pixels of windows in one batch, whatever their size."""
+
 
 @dataclass(frozen=True)
 class Centres:
@@ -70,8 +73,9 @@ def windows(
         rows = np.flatnonzero(half == size)
         offset = np.arange(-size, size + 1, dtype=np.int32)
         dy, dx = (g.ravel() for g in np.meshgrid(offset, offset, indexing="ij"))
-        for start in range(0, len(rows), most):
-            part = rows[start : start + most]
+        batch = max(1, min(most, MOST_PIXELS // len(dx)))
+        for start in range(0, len(rows), batch):
+            part = rows[start : start + batch]
             x, y = corner[part, :1] + dx, corner[part, 1:] + dy
             middle = corner[part]
             if np.all((middle >= size) & (middle < [width - size, height - size])):

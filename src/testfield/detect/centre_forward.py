@@ -77,14 +77,15 @@ def forward_model(
     found = Centres.empty(n)
     if n == 0:
         return found
-    theta, good = _start(xy_px, moments_px2), np.zeros(n, bool)
+    theta, variance, good = _start(xy_px, moments_px2), np.zeros((n, 8)), np.zeros(n, bool)
     with threadpool_limits(1, "blas"), ThreadPoolExecutor(min(os.cpu_count() or 1, 4)) as pool:
         # First without gradients, which gives every dot's contrast; then with what the contrasts say of the light.
         batches = list(_batches(image_dn, theta))
         for batch, fit in zip(batches, pool.map(lambda b: _refine(b, sheet, interior, None), batches), strict=True):
             theta[batch.rows], good[batch.rows] = batch.theta, fit.converged
             theta[batch.rows, :2] += batch.middle
-        light = _light(theta, good)
+            variance[batch.rows] = np.einsum("nii->ni", _inverse(fit.normal))
+        light = _light(theta, variance, good)
         batches = list(_batches(image_dn, theta))
         for batch, fit in zip(batches, pool.map(lambda b: _refine(b, sheet, interior, light), batches), strict=True):
             found.put(batch.rows, _centres(batch, fit, sheet, interior))
@@ -334,13 +335,15 @@ def _model(batch: _Batch, theta: np.ndarray, place: _Placement | None) -> tuple[
     return value, jacobian
 
 
-def _light(theta: np.ndarray, good: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _light(theta: np.ndarray, variance: np.ndarray, good: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Expected gradients (n, 4) of contrast and background in DN a px, and their inverse covariances (n, 4, 4)."""
     diameter = 2 * _reach(theta)[0]
     expected, known = np.zeros((len(theta), 4)), np.zeros((len(theta), 4, 4))
     for k, name in ((0, CONTRAST), (2, BACKGROUND)):
         part = slice(k, k + 2)
-        expected[:, part], known[:, part, part] = local_gradients(theta[:, :2], theta[:, name], good, diameter)
+        expected[:, part], known[:, part, part] = local_gradients(
+            theta[:, :2], theta[:, name], variance[:, name], good, diameter
+        )
     return expected, known
 
 

@@ -1,12 +1,11 @@
 """One frame to its observations: find, centre, decode, identify."""
 
-from collections.abc import Callable
 from dataclasses import astuple, dataclass
 
 import numpy as np
 
 from testfield.camera.images import Frame, InvertedSheet, SensorSheet
-from testfield.detect.centre import Centres, half_widths
+from testfield.detect.centre import Centres
 from testfield.detect.contour import ROUGHLY, is_elliptic
 from testfield.detect.decode import CROWDED, CUT, PLAIN, UNREADABLE, decode
 from testfield.detect.find import find_blobs
@@ -18,8 +17,6 @@ from testfield.targets.field import Field
 from testfield.targets.marks import RingRadii
 
 LARGEST_PX = 210.0
-WINDOW_PIXELS = 400_000
-"""Pixels in windows that are fitted at once."""
 WORST_MISFIT = 0.06
 """Rms residual beyond noise, as a fraction of the contrast, above which a blob is no dot."""
 WORST_UNEVEN, CERTAIN_CHI2 = ((4.0, 12.0), (0.04, 0.3)), 2.0
@@ -91,7 +88,7 @@ def measure_targets(
     Every blob that stands alone on darker ground gets a row, whether it was measured or not.
     """
     blobs = find_blobs(image, sheet, smallest_px, largest_px)
-    rough = in_parts(find("centroids", "grey_centroid"), image, sheet, blobs.xy_px, blobs.moments_px2)
+    rough = find("centroids", "grey_centroid")(image, sheet, blobs.xy_px, blobs.moments_px2)
     noise = np.sqrt(sheet.variance_dn2(np.nan_to_num(rough.background_dn + rough.contrast_dn / 2)))
     rough_ok = rough.ok & (_diameter(rough.moments_px2) > 0.7 * smallest_px)
     rough_ok &= may_be_dots(image, rough.xy_px, rough.moments_px2, rough.contrast_dn, noise)
@@ -102,7 +99,7 @@ def measure_targets(
         rows = np.flatnonzero(rough_ok)[elliptic]
         centres = Centres(**{name: values[rows] for name, values in vars(rough).items()})
     else:
-        centres = in_parts(find("centroids", centroid), image, sheet, xy, moments)
+        centres = find("centroids", centroid)(image, sheet, xy, moments)
     n = len(xy)
     status = np.full(n, MEASURED, dtype=object)
     status[~centres.ok] = "no ellipse fits"
@@ -159,21 +156,6 @@ def _diameter(moments_px2: np.ndarray) -> np.ndarray:
     """(n,) diameters of the circles of the same area."""
     m = moments_px2
     return 4 * np.maximum(m[:, 0, 0] * m[:, 1, 1] - m[:, 0, 1] ** 2, 0) ** 0.25
-
-
-def in_parts(
-    estimate: Callable[..., Centres], image: np.ndarray, sheet: SensorSheet, xy_px: np.ndarray, moments_px2: np.ndarray
-) -> Centres:
-    """An estimator's centres of n dots, the largest dots a few at a time so that their windows fit into memory."""
-    found = Centres.empty(len(xy_px))
-    pixels = (2 * half_widths(moments_px2) + 1) ** 2 if len(xy_px) else np.zeros(0)
-    for size in np.unique(pixels):
-        rows = np.flatnonzero(pixels == size)
-        most = max(1, int(WINDOW_PIXELS // size))
-        for start in range(0, len(rows), most):
-            part = rows[start : start + most]
-            found.put(part, estimate(image, sheet, xy_px[part], moments_px2[part]))
-    return found
 
 
 def _disturbed(centres: Centres, targets: np.ndarray) -> np.ndarray:

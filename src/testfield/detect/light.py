@@ -12,15 +12,20 @@ NEIGHBOURS, LEAST_NEIGHBOURS = 24, 10
 REACH = 20.0
 """Neighbours count up to this many diameters away."""
 ROBUST_ROUNDS = 3
+CLEARLY = 1.0
+"""Standard deviations of a variance by which scatter must exceed chance to be taken for light."""
 
 
 def local_gradients(
-    xy_px: np.ndarray, values: np.ndarray, good: np.ndarray, diameter_px: np.ndarray
+    xy_px: np.ndarray, values: np.ndarray, variances: np.ndarray, good: np.ndarray, diameter_px: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Gradients (n, 2) a px of a slowly varying quantity at n dots, and their inverse covariances (n, 2, 2).
 
-    `values` (n,) one a dot, `good` (n,) which of them count, `diameter_px` (n,). A dot with too few neighbours gets a
-    gradient of zero and zeros for the inverse covariance: nothing is known.
+    `values`, `variances` (n,) one a dot, the latter of chance alone; `good` (n,) which of them count, `diameter_px`
+    (n,). What neighbours scatter about the quadratic beyond chance is light that changes from dot to dot: a random
+    field whose gradients have its variance over its correlation length squared, which is half the dots' spacing or
+    less where neighbours know nothing of each other. A dot with too few neighbours gets a gradient of zero and zeros
+    for the inverse covariance: nothing is known.
     """
     n = len(xy_px)
     gradient, information = np.zeros((n, 2)), np.zeros((n, 2, 2))
@@ -51,6 +56,11 @@ def local_gradients(
     freedom = weight.sum(axis=1) - np.einsum("nij,nji->n", inverse, squares)
     variance = (weight * residual**2).sum(axis=1) / np.maximum(freedom, 1e-6)
     covariance = variance[:, None, None] * (inverse @ squares @ inverse)[:, 1:3, 1:3] / radius[:, None, None] ** 2
+    chance = (weight * variances[rows]).sum(axis=1) / np.maximum(weight.sum(axis=1), 1e-300)
+    beyond = variance > chance * (1 + CLEARLY * np.sqrt(2 / np.maximum(freedom, 1)))
+    spacing = np.sort(np.where(near, distance, np.inf), axis=1)[:, 1:5].mean(axis=1)
+    rough = np.where(beyond, variance - chance, 0) * (2 / spacing) ** 2
+    covariance += rough[:, None, None] * np.eye(2)
     scale = np.abs(level).max(axis=1) / radius
     covariance += (1e-9 * scale[:, None, None]) ** 2 * np.eye(2)  # nothing is known without doubt
     usable = (freedom > 2) & np.isfinite(covariance).all(axis=(1, 2)) & (np.linalg.det(covariance) > 0)
