@@ -1,5 +1,6 @@
 """Find blobs that may be dots: brighter than their surroundings, of a dot's size and an ellipse's shape."""
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import cv2
@@ -43,15 +44,15 @@ def find_blobs(image_dn: np.ndarray, sheet: SensorSheet, smallest_px: float, lar
     neighbourhood by more than noise explains, which neither uneven light nor a bright background changes. The image
     is halved as often as the largest dot needs; the time is linear in its pixels.
     """
-    parts = [_blobs_of_level(image_dn, sheet, smallest_px, FINE_WINDOW_PX, 1)]
+    levels = [(image_dn, smallest_px, FINE_WINDOW_PX, 1), (image_dn, smallest_px, WINDOW_PX, 1)]
     level, scale = image_dn, 1
-    while True:
-        parts.append(_blobs_of_level(level, sheet, smallest_px / scale, WINDOW_PX, scale))
-        if largest_px <= LARGEST_ON_LEVEL_PX * scale or min(level.shape) < 16:
-            break
+    while largest_px > LARGEST_ON_LEVEL_PX * scale and min(level.shape) >= 16:
         scale *= 2
         even = level[: level.shape[0] // 2 * 2, : level.shape[1] // 2 * 2]
         level = cv2.resize(even, (even.shape[1] // 2, even.shape[0] // 2), interpolation=cv2.INTER_AREA)
+        levels.append((level, smallest_px / scale, WINDOW_PX, scale))
+    with ThreadPoolExecutor(2) as pool:  # OpenCV and NumPy let go of the interpreter
+        parts = list(pool.map(lambda job: _blobs_of_level(job[0], sheet, *job[1:]), levels))
     xy, moments, fullness, cut = (np.concatenate(column) for column in zip(*parts, strict=True))
     size = 4 * np.linalg.det(moments) ** 0.25 if len(xy) else np.zeros(0)
     keep = _distinct(xy, size, fullness)
