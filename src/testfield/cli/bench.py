@@ -1,6 +1,7 @@
-"""`testfield bench render`: this project's parts against their peers."""
+"""`testfield bench`: this project's parts against their peers."""
 
 import argparse
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -8,26 +9,70 @@ from typing import Any
 def add(commands: Any) -> None:
     """Enter the command."""
     p = commands.add_parser("bench", help="compare with peers in one run, as ratios", description=__doc__)
-    p.add_argument("what", choices=("render",), help="render: the fast renderer against plain path tracing")
-    p.add_argument("--scene", type=Path, default=Path("scenes/shadowed_board.toml"), metavar="SCENE")
+    p.add_argument(
+        "what", choices=("render", "detect", "recall"),
+        help="render: the fast renderer against plain path tracing; detect: centring against the physical limit; "
+        "recall: targets found and read in clutter",
+    )  # fmt: skip
+    p.add_argument(
+        "--targets", type=int, default=20000, metavar="N", help="recall: how many are rendered (default: 20000)"
+    )
+    p.add_argument("--empty", type=int, default=50, metavar="N", help="recall: views without targets (default: 50)")
+    p.add_argument("--scene", type=Path, default=Path("scenes/shadowed_board.toml"), metavar="SCENE", help="render's")
+    p.add_argument("--quick", action="store_true", help="detect: fewer cases and exposures")
+    p.add_argument("--out", type=Path, default=Path("renders"), metavar="FOLDER", help="where detect's page goes")
     p.add_argument("--json", action="store_true", help="print one JSON object")
     p.set_defaults(act=act)
 
 
 def act(args: argparse.Namespace) -> int:
     """Run the benchmark and print its figures."""
+    return {"render": _render, "detect": _detect, "recall": _recall}[args.what](args)
+
+
+def _tell(what: str) -> None:
+    if sys.stderr.isatty():
+        print(f"bench: {what}", file=sys.stderr, flush=True)
+
+
+def _detect(args: argparse.Namespace) -> int:
     import json
-    import sys
+
+    from testfield.bench.detect import BEST, bench_detect
+    from testfield.bench.detect_page import write_page
+    from testfield.bench.detect_speed import bench_speed
+    from testfield.chain.files import disk_errors
+
+    figures = bench_detect(args.quick, _tell) | {"speed": bench_speed(args.quick, _tell)}
+    with disk_errors(args.out):
+        page = write_page(figures, args.out)
+    if args.json:
+        print(json.dumps(figures))
+        return 0
+    for factor, rows in figures["series"].items():
+        for row in rows:
+            best = row["estimators"][BEST]
+            case = " ".join(f"{name}={value}" for name, value in row["case"].items() if value is not None)
+            text = "  ".join(f"{k} {best[k]:.3f}" for k in ("efficiency", "bias", "chi2") if k in best)
+            print(f"{factor:<9} {case}\n          {text}  not measured {best['not_measured']}")
+    for verdict in figures["verdicts"]:
+        print(f"{'pass' if verdict['passed'] else 'FAIL'}  {BEST}: {verdict['name']:<46} {verdict['measured']:.3f}")
+    speed = figures["speed"]
+    print(f"find, centre, decode {speed['targets']} marks at 12 megapixels  {speed['find_centre_decode_s']:.2f} s")
+    print(f"OpenCV's SimpleBlobDetector on the same image       {speed['opencv_s']:.2f} s")
+    print(f"forward model of all                                {speed['forward_s']:.2f} s")
+    print(f"\n{page}")
+    return 0
+
+
+def _render(args: argparse.Namespace) -> int:
+    import json
 
     from testfield.bench.render import bench_render, blurless
     from testfield.scene.build import build_world
     from testfield.scene.load import load_scene
 
-    def tell(what: str) -> None:
-        if sys.stderr.isatty():
-            print(f"bench: {what}", file=sys.stderr, flush=True)
-
-    figures = bench_render(blurless(build_world(load_scene(args.scene))), tell)
+    figures = bench_render(blurless(build_world(load_scene(args.scene))), _tell)
     if args.json:
         print(json.dumps(figures))
         return 0
@@ -42,4 +87,23 @@ def act(args: argparse.Namespace) -> int:
     print(f"12 megapixels, 1,000 targets        {figures['view_12_megapixels_1000_targets_s']:.2f} s")
     print(f"time grows as targets^{figures['exponent_of_targets']:.2f}, pixels^{figures['exponent_of_pixels']:.2f}")
     print(f"peak memory                         {figures['peak_memory_gb']:.2f} GB")
+    return 0
+
+
+def _recall(args: argparse.Namespace) -> int:
+    import json
+
+    from testfield.bench.recall import bench_recall
+
+    figures = bench_recall(args.targets, args.empty, _tell)
+    if args.json:
+        print(json.dumps(figures))
+        return 0
+    print(f"found                 {figures['found_percent']:.2f} % of {figures['clear']} targets in clear sight")
+    print(f"of these read rightly {figures['decoded_rightly_percent']:.2f} %")
+    print(f"wrong numbers         {figures['wrong']} in {figures['rendered']} targets")
+    print(f"false finds           {figures['false']} in {figures['views']} views with targets")
+    print(f"                      {figures['false_in_empty_views']} in {figures['empty_views']} views without")
+    for why, times in figures["missed"].items():
+        print(f"missed                {times:>4}  {why}")
     return 0

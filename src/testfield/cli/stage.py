@@ -1,4 +1,4 @@
-"""`testfield render|expose|detect|calibrate|reconstruct|score|report RUN`: one stage on a run's folder."""
+"""`testfield render|expose|calibrate|reconstruct|score|report RUN`: one stage on a run's folder."""
 
 import argparse
 import os
@@ -17,8 +17,10 @@ STAGES = {
 
 
 def add(commands: Any) -> None:
-    """Enter the seven commands."""
+    """Enter a command a stage; `detect` has more to it and its own file."""
     for name, what in STAGES.items():
+        if name == "detect":
+            continue
         p = commands.add_parser(
             name,
             help=what,

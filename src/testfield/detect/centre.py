@@ -9,6 +9,9 @@ WINDOW, RING_BEGINS, RING_CLEARANCE_PX = 1.6, 2.0, 1.8
 """Pixels up to WINDOW half-axes from the centre are used, but none whose distance from a possible ring is so small
 that the ring's blurred edge would reach it."""
 
+MOST_PIXELS = 400_000
+"""Pixels of windows in one batch, whatever their size."""
+
 
 @dataclass(frozen=True)
 class Centres:
@@ -47,7 +50,7 @@ def half_widths(moments_px2: np.ndarray) -> np.ndarray:
     """(n,) half-widths in px of square windows that hold `WINDOW` half-axes, in steps that make few groups."""
     largest = 2 * np.sqrt(np.linalg.eigvalsh(moments_px2)[:, 1])
     need = np.ceil(WINDOW * largest + 1.5)
-    step = np.maximum(2, 2.0 ** np.floor(np.log2(need) - 2))
+    step = np.maximum(2, 2.0 ** np.floor(np.log2(need) - 3))
     return (np.ceil(need / step) * step).astype(int)
 
 
@@ -65,14 +68,20 @@ def windows(
     A window may reach over the image's edge; a target near it is measured from the pixels there are.
     """
     height, width = image.shape
-    corner = np.rint(xy_px).astype(int)
+    corner = np.rint(xy_px).astype(np.int32)
     for size in np.unique(half):
         rows = np.flatnonzero(half == size)
-        offset = np.arange(-size, size + 1)
+        offset = np.arange(-size, size + 1, dtype=np.int32)
         dy, dx = (g.ravel() for g in np.meshgrid(offset, offset, indexing="ij"))
-        for start in range(0, len(rows), most):
-            part = rows[start : start + most]
+        batch = max(1, min(most, MOST_PIXELS // len(dx)))
+        for start in range(0, len(rows), batch):
+            part = rows[start : start + batch]
             x, y = corner[part, :1] + dx, corner[part, 1:] + dy
-            inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
-            values = image[y.clip(0, height - 1), x.clip(0, width - 1)].astype(np.float64)
-            yield part, values, x, y, inside
+            middle = corner[part]
+            if np.all((middle >= size) & (middle < [width - size, height - size])):
+                first = middle[:, :1].astype(np.int64) + middle[:, 1:].astype(np.int64) * width
+                values, inside = image.ravel().take(first + (dx + dy.astype(np.int64) * width)), np.ones(x.shape, bool)
+            else:
+                inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
+                values = image[y.clip(0, height - 1), x.clip(0, width - 1)]
+            yield part, values.astype(np.float64), x, y, inside

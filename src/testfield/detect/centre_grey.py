@@ -1,10 +1,17 @@
 """Grey centroid above the half threshold: the classic, fast, and a factor two above the bound (METHODS 6.2)."""
 
+import os
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from testfield.camera.images import SensorSheet
-from testfield.detect.centre import Centres, half_widths, usable, windows
+from testfield.detect.centre import RING_BEGINS, RING_CLEARANCE_PX, WINDOW, Centres, half_widths, usable, windows
 from testfield.registry import register
+
+SAMPLING_PX = 0.04
+"""Scatter over the phases of the grid, times the square root of the diameter, at a blur of about half a pixel."""
 
 
 @register("centroids", "grey_centroid")
@@ -13,32 +20,64 @@ def grey_centroid(image_dn: np.ndarray, sheet: SensorSheet, xy_px: np.ndarray, m
 
     Measures dots from rough centres (n, 2) and moments (n, 2, 2) in an image (h, w) of bright marks."""
     found = Centres.empty(len(xy_px))
-    shape = np.linalg.inv(4 * moments_px2)
-    for rows, values, x, y, inside in windows(image_dn, xy_px, half_widths(moments_px2)):
-        dx, dy = x - xy_px[rows, :1], y - xy_px[rows, 1:]
-        g = shape[rows]
-        q2 = g[:, 0, :1] * dx * dx + 2 * g[:, 0, 1:] * dx * dy + g[:, 1, 1:] * dy * dy
-        use = inside & usable(np.sqrt(q2), dx, dy)
-        inner, outer = use & (q2 < 0.36), use & (q2 > 1.44)
-        black = (values * outer).sum(1) / np.maximum(outer.sum(1), 1)
-        white = (values * inner).sum(1) / np.maximum(inner.sum(1), 1)
-        weight = np.where(use, np.maximum(values - ((black + white) / 2)[:, None], 0), 0)
-        total = np.maximum(weight.sum(1), 1e-12)
-        cx, cy = (weight * x).sum(1) / total, (weight * y).sum(1) / total
-        dx, dy = x - cx[:, None], y - cy[:, None]
-        # First-order propagation of each pixel's noise through the ratio of sums.
-        noise = np.where(weight > 0, sheet.variance_dn2(values), 0) / total[:, None] ** 2
-        xx, xy, yy = ((noise * v).sum(1) for v in (dx * dx, dx * dy, dy * dy))
-        covariance = np.stack([np.stack([xx, xy], -1), np.stack([xy, yy], -1)], -2)
-        binary = (weight > 0).astype(float)
-        area = np.maximum(binary.sum(1), 1)
-        mxx, mxy, myy = ((binary * v).sum(1) / area for v in (dx * dx, dx * dy, dy * dy))
-        mxx, myy = mxx + 1 / 12, myy + 1 / 12  # a pixel is a square, not a point
-        moments = np.stack([np.stack([mxx, mxy], -1), np.stack([mxy, myy], -1)], -2)
-        ok = (white > black) & (binary.sum(1) >= 6)
-        nothing = np.zeros(len(rows))
-        found.put(
-            rows,
-            Centres(np.column_stack([cx, cy]), covariance, moments, white - black, black, nothing + 1, nothing, ok),
-        )
+
+    def measure(window: tuple) -> None:
+        rows, values, _, _, inside = window
+        found.put(rows, _centroids(values, inside, sheet, xy_px[rows], moments_px2[rows]))
+
+    cut = windows(image_dn, xy_px, half_widths(moments_px2))
+    with threadpool_limits(1, "blas"), ThreadPoolExecutor(min(os.cpu_count() or 1, 4)) as pool:
+        list(pool.map(measure, cut))
     return found
+
+
+def _centroids(
+    values: np.ndarray, inside: np.ndarray, sheet: SensorSheet, xy_px: np.ndarray, moments_px2: np.ndarray
+) -> Centres:
+    """Windows (n, k) about the rounded rough centres; every sum over pixels is one product of matrices.
+
+    In single precision, relative to the window's middle: a hundred-thousandth of a pixel, and half the time.
+    """
+    half = round(np.sqrt(values.shape[1])) // 2
+    offset = np.arange(-half, half + 1, dtype=np.float32)
+    y, x = (g.ravel() for g in np.meshgrid(offset, offset, indexing="ij"))
+    powers = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y])
+    origin = np.rint(xy_px)
+    values = values.astype(np.float32)
+
+    a, b = (xy_px - origin).T
+    shape = np.linalg.inv(4 * moments_px2)
+    xx, xy, yy = shape[:, 0, 0], shape[:, 0, 1], shape[:, 1, 1]
+    form = [xx * a * a + 2 * xy * a * b + yy * b * b, -2 * (xx * a + xy * b), -2 * (xy * a + yy * b), xx, 2 * xy, yy]
+    q2 = np.maximum(np.stack(form, axis=1).astype(np.float32) @ powers, 0)
+    if 2 * np.sqrt(np.linalg.eigvalsh(moments_px2).min()) * (RING_BEGINS - WINDOW) >= RING_CLEARANCE_PX:
+        use = inside & (q2 <= np.float32(WINDOW**2))  # no ring comes near
+    else:
+        use = inside & usable(np.sqrt(q2), x - a[:, None], y - b[:, None])
+    inner, outer = use & (q2 < 0.36), use & (q2 > 1.44)
+    black, white = ((values * part).sum(1) / np.maximum(part.sum(1), 1) for part in (outer, inner))
+    weight = np.maximum(values - ((black + white) / 2)[:, None].astype(np.float32), 0) * use
+    binary = (weight > 0).astype(np.float32)
+
+    total, sum_x, sum_y = (weight @ powers[:3].T).astype(float).T
+    total = np.maximum(total, 1e-12)
+    centre = np.column_stack([sum_x / total, sum_y / total])
+    # First-order propagation of each pixel's noise through the ratio of sums.
+    noise = (binary * sheet.variance_dn2(values)) @ powers.T
+    covariance = _about(noise.astype(float), centre) / (total**2)[:, None, None]
+    counts = (binary @ powers.T).astype(float)
+    area = np.maximum(counts[:, 0], 1)
+    # Which pixels pass the threshold depends on how the dot lies on the grid.
+    covariance += (SAMPLING_PX**2 / np.sqrt(area))[:, None, None] * np.eye(2)
+    moments = _about(counts, centre) / area[:, None, None] + np.eye(2) / 12  # a pixel is a square, not a point
+    ok = (white > black) & (counts[:, 0] >= 6)
+    nothing = np.zeros(len(values))
+    return Centres(centre + origin, covariance, moments, white - black, black, nothing + 1, nothing, ok)
+
+
+def _about(sums: np.ndarray, centre: np.ndarray) -> np.ndarray:
+    """(n, 2, 2) second moments about centres (n, 2), from sums (n, 6) of 1, x, y, x^2, xy, y^2."""
+    one, x, y, xx, xy, yy = sums.T
+    a, b = centre.T
+    xx, xy, yy = xx - 2 * a * x + a * a * one, xy - a * y - b * x + a * b * one, yy - 2 * b * y + b * b * one
+    return np.stack([np.stack([xx, xy], -1), np.stack([xy, yy], -1)], -2)

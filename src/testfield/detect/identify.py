@@ -9,6 +9,8 @@ from testfield.targets.field import Field
 LEAST_CODES = 2
 CODE_TOLERANCE_PX = 6.0
 ARM_MM = 20.0
+TURN_TOLERANCE = 0.35
+"""By how much of itself a code's own map to px may differ from its board's."""
 WELL_KNOWN = 12
 """From this many marks on, their centres alone make the homography."""
 DOT_TOLERANCE = 0.3
@@ -75,7 +77,21 @@ def _carry(layout: np.ndarray, image: np.ndarray, spread: np.ndarray) -> tuple[n
     )
     model, mask = cv2.findHomography(source, target, cv2.RANSAC, CODE_TOLERANCE_PX)
     keep = nothing if mask is None else mask.ravel()[: len(layout)].astype(bool)
-    return (keep, model) if keep.sum() >= LEAST_CODES else (nothing, None)
+    if keep.any():
+        keep &= ~turned | _turn_agrees(model, layout, spread)
+    # A homography that lost what it rests on says nothing of the others.
+    return (keep, model) if keep.sum() >= max(LEAST_CODES, len(layout) / 2) else (nothing, None)
+
+
+def _turn_agrees(homography: np.ndarray, layout: np.ndarray, spread: np.ndarray) -> np.ndarray:
+    """(n,) whether a homography turns and stretches each code as it was seen turned and stretched: `spread` (n, 2, 2)
+    px/mm. A wrong number has a turn of its own, wherever its centre happens to lie."""
+    step = 0.5
+    at = _apply(homography, layout)
+    predicted = np.stack([(_apply(homography, layout + step * e) - at) / step for e in np.eye(2)], axis=-1)
+    with np.errstate(invalid="ignore"):
+        size = np.linalg.norm(predicted, axis=(1, 2))
+        return np.linalg.norm(predicted - spread, axis=(1, 2)) < TURN_TOLERANCE * size
 
 
 def _grow(

@@ -12,7 +12,6 @@ import numpy as np
 
 from testfield.render.variant import mitsuba
 from testfield.scene.world import Dirt, Panels, TrueMarks
-from testfield.targets.marks import RING_INNER, RING_OUTER
 from testfield.targets.ring_code import word_of_number
 
 
@@ -21,7 +20,7 @@ class PatternTables:
 
     def __init__(self, panels: Panels, marks: TrueMarks, bits: int, dirt: Dirt | None = None):
         mi = mitsuba()
-        self.bits = bits
+        self.bits, self.ring = bits, marks.radii
         extent = marks.printed_radius_mm
         words = np.zeros(len(marks), np.uint32)
         words[marks.code > 0] = word_of_number(marks.code[marks.code > 0], bits)
@@ -109,7 +108,7 @@ class PatternTables:
             both = quarter_plane(edge - r - sag, outwards, spoke, tangential, whole, clockwise)
             return bit_after * both + bit_before * (whole - both)
 
-        ring = sector(RING_OUTER * radius) - sector(RING_INNER * radius)
+        ring = sector(self.ring.outer * radius) - sector(self.ring.inner * radius)
         return inside(radius) + dr.select(word > 0, ring, 0)
 
 

@@ -46,10 +46,10 @@ from testfield.scene.world import (
 )
 from testfield.seeds import generator
 from testfield.targets.field import Field, NominalBoard, ScaleBar
-from testfield.targets.marks import QUIET, Marks
+from testfield.targets.marks import RADII, Marks, RingRadii
 
-CARD_MARGIN = QUIET + 0.3
-"""Half a card's width in dot radii: the quiet zone and a little more."""
+CARD_MARGIN = 0.3
+"""By how much a card's half width exceeds the quiet zone, in dot radii."""
 ALL_COEFFICIENTS = {name for model in MODELS.values() for name in model.coefficients}
 BAR_THICKNESS_MM, CARD_THICKNESS_MM = 20.0, 2.0
 
@@ -125,7 +125,7 @@ def build_world(scene: SceneFile) -> World:
     """The world of a scene. Raises `TestfieldError` for what the schema alone cannot see, naming the field."""
     seed = scene.seed
     scale_error = 1e-6 * scene.u_print_scale_ppm * generator(seed, "print_scale").standard_normal()
-    parts = _Assembly(scene)
+    parts, radii = _Assembly(scene), RADII[scene.code_radii]
 
     boards, board_R, board_t, keep_clear = [], [], [], []
     spots: list[tuple] = []
@@ -173,7 +173,7 @@ def build_world(scene: SceneFile) -> World:
             raise TestfieldError(
                 f"{error}, or direction and normal are parallel", f"scale_bars[{k}].direction"
             ) from error
-        half = CARD_MARGIN * bar.diameter_mm / 2
+        half = (radii.quiet + CARD_MARGIN) * bar.diameter_mm / 2
         panel = parts.panel(
             bar.name,
             R,
@@ -189,12 +189,12 @@ def build_world(scene: SceneFile) -> World:
         keep_clear.append((np.array(bar.position_mm), 60.0))
 
     for code, position, normal, diameter in generators.check_cards(scene.check_targets, seed, keep_clear):
-        side = CARD_MARGIN * diameter
+        side = (radii.quiet + CARD_MARGIN) * diameter
         panel = parts.panel(f"check {code}", facing(normal), position, (side, side), CARD_THICKNESS_MM)
         parts.mark(panel, np.zeros(2), diameter, code, CHECK)
     meshes = load_meshes(scene)
-    for code, position, normal, diameter in stickers(scene.check_targets, seed, meshes, CARD_MARGIN):
-        side = CARD_MARGIN * diameter
+    for code, position, normal, diameter in stickers(scene.check_targets, seed, meshes, radii.quiet + CARD_MARGIN):
+        side = (radii.quiet + CARD_MARGIN) * diameter
         panel = parts.sticker(f"check {code}", facing(normal), position, (side, side))
         parts.mark(panel, np.zeros(2), diameter, code, CHECK)
     loose |= {code: d for _, _, d, code, role, _, _ in parts.marks if role == CHECK}
@@ -242,9 +242,10 @@ def build_world(scene: SceneFile) -> World:
         loose,
         scene.paint.white_on_black,
         1e-6 * scene.u_print_scale_ppm,
+        scene.code_radii,
     )
     return World(
-        scene.name, seed, float(np.linalg.norm(scene.volume.size_mm)), _panels(parts, carried), _marks(parts),
+        scene.name, seed, float(np.linalg.norm(scene.volume.size_mm)), _panels(parts, carried), _marks(parts, radii),
         Poses(np.array(board_R), np.array(board_t)), tuple(names), Poses(station_R, station_t), true_interior(scene),
         scene.camera.psf_sigma_px, lights, scene.room.ambient_w_m2_sr if sky is None else 0.0, field, meshes,
         true_optics(scene), true_motion(scene),
@@ -375,11 +376,9 @@ def _panels(parts: _Assembly, carried: int) -> Panels:
     return Panels(name, poses, np.array(size, float), ground, ink, curvature, axis, of_room, kinds)
 
 
-def _marks(parts: _Assembly) -> TrueMarks:
-    panel, xy, diameter, code, role, board, point = zip(*parts.marks, strict=True)
+def _marks(parts: _Assembly, radii: RingRadii) -> TrueMarks:
+    panel, xy, diameter, *rest = zip(*parts.marks, strict=True)
+    code, role, board, point = (np.array(v, int) for v in rest)
     return TrueMarks(
-        np.array(panel),
-        np.array(xy, float),
-        np.array(diameter, float),
-        *(np.array(v, int) for v in (code, role, board, point)),
-    )
+        np.array(panel), np.array(xy, float), np.array(diameter, float), code, role, board, point, radii
+    )  # fmt: skip

@@ -11,7 +11,6 @@ from testfield.scene.meshes import inside
 from testfield.scene.schema import BoardPart, MeshPart, ScaleBarPart, SceneFile, SurfacePart
 from testfield.scene.truth import Views
 from testfield.scene.world import SMOOTHEST, World
-from testfield.targets.marks import QUIET
 from testfield.targets.ring_code import code_words
 
 DECODABLE_PX = 8.0
@@ -162,7 +161,7 @@ def _codes_exist_and_differ(scene: SceneFile, world: World, source: str) -> None
 def _marks_fit(scene: SceneFile, world: World, source: str) -> None:
     marks = world.marks
     printed = marks.printed_radius_mm
-    quiet = marks.diameter_mm / 2 * np.where(marks.code > 0, QUIET, 1.2)
+    quiet = marks.diameter_mm / 2 * np.where(marks.code > 0, marks.radii.quiet, 1.2)
     for k in np.unique(marks.panel):
         here = np.flatnonzero(marks.panel == k)
         over = np.abs(marks.xy_mm[here]) + printed[here, None] > world.panels.size_mm[k] / 2

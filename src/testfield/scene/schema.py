@@ -618,6 +618,9 @@ class SceneFile(_Part):
     description: str = Field("", description="One sentence for the report.")
     seed: int = Field(1, ge=0, description="Seed of everything random.")
     code_bits: Literal[8, 10, 12, 14, 16, 20] = Field(14, description="Segments of every ring code.")
+    code_radii: Literal["1:2:3", "1:2.5:4"] = Field(
+        "1:2:3", description="Radii of every ring code: dot, ring's inner edge, ring's outer edge."
+    )
     volume: VolumePart = VolumePart()
     camera: CameraPart = CameraPart()
     sensor: SensorPart = SensorPart()

@@ -10,7 +10,7 @@ from testfield.camera.optics import PINHOLE, Optics
 from testfield.camera.pose import Poses
 from testfield.scene import bend
 from testfield.targets.field import Field
-from testfield.targets.marks import RING_OUTER
+from testfield.targets.marks import RADII, USUAL, RingRadii
 
 BOARD, BAR, CHECK = 0, 1, 2
 """What a mark serves: a board's layout, an end of a scale bar, a check target."""
@@ -76,7 +76,8 @@ class TrueMarks:
     """All marks where they really are.
 
     `panel` (n,) index; `xy_mm` (n, 2) on the panel; `diameter_mm`, `code` (0 plain), `role` (n,); `board` (n,) index
-    of the board whose layout lists the mark, -1 for loose targets; `point` (n,) its index in that layout, or -1.
+    of the board whose layout lists the mark, -1 for loose targets; `point` (n,) its index in that layout, or -1;
+    `radii` the shape of every ring.
     """
 
     panel: np.ndarray
@@ -86,6 +87,7 @@ class TrueMarks:
     role: np.ndarray
     board: np.ndarray
     point: np.ndarray
+    radii: RingRadii = RADII[USUAL]
 
     def __len__(self) -> int:
         return len(self.panel)
@@ -93,7 +95,7 @@ class TrueMarks:
     @property
     def printed_radius_mm(self) -> np.ndarray:
         """(n,) radius of the circle that holds everything printed: the dot, or the ring's outer edge."""
-        return self.diameter_mm / 2 * np.where(self.code > 0, RING_OUTER, 1.0)
+        return self.diameter_mm / 2 * np.where(self.code > 0, self.radii.outer, 1.0)
 
 
 @dataclass(frozen=True)

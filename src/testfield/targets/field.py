@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from testfield.errors import speaking
-from testfield.targets.marks import Marks
+from testfield.targets.marks import RADII, USUAL, Marks, RingRadii
 
 
 @dataclass(frozen=True)
@@ -39,6 +39,7 @@ class Field:
     """The field sheet.
 
     `u_scale` is the relative standard uncertainty of the scale all boards share (printing, temperature);
+    `code_radii` names the rings' shape (a key of `RADII`);
     `loose` maps the code of each coded target that belongs to no board to its dot diameter in mm.
     """
 
@@ -48,6 +49,12 @@ class Field:
     loose: dict[int, float] = field(default_factory=dict)
     white_on_black: bool = True
     u_scale: float = 0.0
+    code_radii: str = USUAL
+
+    @property
+    def radii(self) -> RingRadii:
+        """The rings' shape."""
+        return RADII[self.code_radii]
 
     def save(self, path: Path) -> None:
         """Write as JSON (`field.json` in a run's folder)."""
@@ -66,6 +73,7 @@ class Field:
         bars = [bar.__dict__ | {"codes": list(bar.codes)} for bar in self.scale_bars]
         sheet = {
             "bits": self.bits,
+            "code_radii": self.code_radii,
             "white_on_black": self.white_on_black,
             "u_scale": self.u_scale,
             "boards": boards,
@@ -97,5 +105,8 @@ class Field:
             ScaleBar(b["name"], b["role"], (b["codes"][0], b["codes"][1]), b["length_mm"], b["u_length_mm"])
             for b in sheet["scale_bars"]
         )
+        radii = sheet.get("code_radii", USUAL)  # sheets of before there was a choice
+        if radii not in RADII:
+            raise ValueError(f"code_radii '{radii}' is none of {', '.join(RADII)}")
         loose = {int(code): d for code, d in sheet["loose_diameter_mm"].items()}
-        return Field(sheet["bits"], boards, bars, loose, sheet["white_on_black"], sheet["u_scale"])
+        return Field(sheet["bits"], boards, bars, loose, sheet["white_on_black"], sheet["u_scale"], radii)

@@ -4,8 +4,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
-RING_INNER, RING_OUTER, QUIET = 2.0, 3.0, 3.9
-"""Radii of the ring's edges and of the quiet zone, in dot radii (METHODS section 8)."""
+
+@dataclass(frozen=True)
+class RingRadii:
+    """Radii of a ring code in dot radii: the ring's inner and outer edge, and the quiet zone's (METHODS section 8)."""
+
+    inner: float
+    outer: float
+
+    @property
+    def quiet(self) -> float:
+        """Nothing else may be printed within this radius."""
+        return self.outer + 0.9
+
+
+RADII = {"1:2:3": RingRadii(2.0, 3.0), "1:2.5:4": RingRadii(2.5, 4.0)}
+"""The shapes in use, by dot : ring's inner edge : ring's outer edge."""
+USUAL = "1:2:3"
 
 
 @dataclass(frozen=True)

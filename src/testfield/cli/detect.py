@@ -1,0 +1,119 @@
+"""`testfield detect RUN` or `testfield detect IMAGE... --target KIND`: find, centre, decode and identify targets."""
+
+import argparse
+import os
+from pathlib import Path
+from typing import Any
+
+
+def add(commands: Any) -> None:
+    """Enter the command."""
+    from testfield.cli.stage import STAGES
+
+    p = commands.add_parser(
+        "detect",
+        help=f"{STAGES['detect']}, or in any photographs",
+        description="One stage of a run alone, its inputs taken from the folder as they are: testfield detect RUN. "
+        "Or, with --target, any photographs: what is found is drawn and written, and nothing need be known of the "
+        "camera.",
+    )
+    p.add_argument(
+        "what", type=Path, nargs="+", metavar="RUN|IMAGE", help="a run's folder; or images, or folders of them"
+    )
+    p.add_argument(
+        "--target",
+        metavar="KIND",
+        help="what the images show: ring14, circles, circles:10x8, acircles:4x11, checkerboard:9x6, "
+        "charuco:7x5:DICT_4X4_50:30:22 (mm), aruco:DICT_4X4_50, apriltag:36h11",
+    )
+    p.add_argument("--radii", choices=("1:2:3", "1:2.5:4"), default="1:2:3", help="shape of the ring codes")
+    way = p.add_mutually_exclusive_group()
+    way.add_argument("--white-on-black", dest="polarity", action="store_const", const="white on black")
+    way.add_argument("--black-on-white", dest="polarity", action="store_const", const="black on white")
+    p.add_argument("--bayer", metavar="ORDER", help="the images are raw mosaics: RGGB, BGGR, GRBG or GBRG")
+    p.add_argument("--smallest-px", type=float, default=5.0, metavar="PX", help="least diameter of a dot (default: 5)")
+    p.add_argument("--out", type=Path, metavar="FOLDER", help="where pictures and tables go (default: renders/detect)")
+    p.add_argument("--json", action="store_true", help="print one JSON object")
+    p.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="of a run: processes at once")
+    p.set_defaults(act=act, polarity="auto")
+
+
+def act(args: argparse.Namespace) -> int:
+    """A run's stage without --target, photographs with it."""
+    from testfield.cli import stage
+    from testfield.errors import TestfieldError
+
+    if args.target is None:
+        if len(args.what) > 1 or args.what[0].is_file():
+            raise TestfieldError("no kind of target is named", "--target", "for ring codes of 14 bits: --target ring14")
+        args.run, args.stage = args.what[0], "detect"
+        return stage.act(args)
+    return _photographs(args)
+
+
+def _photographs(args: argparse.Namespace) -> int:
+    import json
+    import sys
+    from dataclasses import replace
+
+    from testfield.camera.photograph import BAYER, Photograph, read_photograph
+    from testfield.chain.files import disk_errors
+    from testfield.detect.photograph import Found, detect_in_photograph
+    from testfield.detect.target_spec import parse_target
+    from testfield.errors import TestfieldError
+    from testfield.report.photograph import draw_found, write_found
+
+    target = parse_target(args.target)
+    if args.bayer is not None and args.bayer not in BAYER:
+        raise TestfieldError(f"no Bayer order is called '{args.bayer}'", "--bayer", f"choose one of {', '.join(BAYER)}")
+    if not 2 <= args.smallest_px <= 200:
+        raise TestfieldError(f"value {args.smallest_px}", "--smallest-px", "give 2 to 200")
+    out = args.out or Path("renders/detect")
+    photographs: list[Photograph] = []
+    found: list[Found] = []
+    trouble = 0
+    say = sys.stderr if args.json else sys.stdout
+    for path in _images(args.what):
+        try:
+            photograph = read_photograph(path, args.bayer)
+        except TestfieldError as error:
+            # The others are still worth looking at.
+            print(f"testfield: {error.sentence()}", file=sys.stderr)
+            trouble += 1
+            continue
+        taken = {p.name for p in photographs}
+        if photograph.name in taken:
+            count = next(k for k in range(2, len(taken) + 3) if f"{photograph.name}-{k}" not in taken)
+            photograph = replace(photograph, name=f"{photograph.name}-{count}")
+        one = detect_in_photograph(photograph, target, args.radii, args.polarity, args.smallest_px)
+        with disk_errors(out):
+            draw_found(photograph, one, out / f"{photograph.name}.png")
+        # Pixels are let go: a hundred photographs need not fit into memory.
+        photographs.append(replace(photograph, pixels=photograph.pixels[:1, :1]))
+        found.append(one)
+        print(f"{path.name}: {one.summary}", file=say)
+        print(f"  {'; '.join((*photograph.notes, *one.notes))}", file=say)
+    if photographs:
+        with disk_errors(out):
+            write_found(photographs, found, out)
+        print(f"pictures and tables in {out}", file=say)
+        if args.json:
+            print(json.dumps({"images": json.loads((out / "detection.json").read_text()), "unreadable": trouble}))
+    return 2 if trouble else 0
+
+
+def _images(what: list[Path]) -> list[Path]:
+    """The files named, and those in the folders named, in order."""
+    from testfield.errors import TestfieldError
+
+    kinds = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".exr", ".pgm", ".webp", ".jp2"}
+    files: list[Path] = []
+    for path in what:
+        if path.is_dir():
+            inside = sorted(p for p in path.iterdir() if p.suffix.lower() in kinds)
+            if not inside:
+                raise TestfieldError("no image in this folder", str(path), "give images or a folder of them")
+            files += inside
+        else:
+            files.append(path)
+    return files

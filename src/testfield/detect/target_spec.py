@@ -1,0 +1,67 @@
+"""What kind of targets a photograph shows, as a person writes it: `ring14`, `circles:10x8`, `charuco:7x5:...`."""
+
+import re
+from dataclasses import dataclass
+
+from testfield.errors import TestfieldError
+from testfield.targets.ring_code import BITS
+
+KINDS = {
+    "ring14": "ring codes of 14 bits and plain dots (also ring8, ring10, ring12, ring16, ring20)",
+    "circles": "plain dots; circles:10x8 a symmetric grid of 10 columns and 8 rows",
+    "acircles:4x11": "an asymmetric circle grid, by OpenCV",
+    "checkerboard:9x6": "inner corners of a checkerboard, by OpenCV",
+    "charuco:7x5:DICT_4X4_50:30:22": "ChArUco: squares, dictionary, side of a square and of a marker in mm, by OpenCV",
+    "aruco:DICT_4X4_50": "ArUco markers, by OpenCV",
+    "apriltag:36h11": "AprilTags, by pupil-apriltags where it is installed, else by OpenCV",
+}
+
+
+@dataclass(frozen=True)
+class TargetSpec:
+    """A kind of target: `kind` the first word; `bits` of a ring code; `columns` and `rows`, 0 where not said;
+    `dictionary` of markers; `square_mm`, `marker_mm` of a ChArUco board."""
+
+    kind: str
+    bits: int = 0
+    columns: int = 0
+    rows: int = 0
+    dictionary: str = ""
+    square_mm: float = 1.0
+    marker_mm: float = 0.7
+
+
+def parse_target(text: str) -> TargetSpec:
+    """The kind a person names. Raises `TestfieldError` that lists the kinds."""
+    kind, *rest = text.strip().split(":")
+    ring = re.fullmatch(r"ring(\d+)", kind)
+    if ring and not rest:
+        if int(ring[1]) not in BITS:
+            raise _wrong(text, f"ring codes have {', '.join(map(str, BITS))} bits")
+        return TargetSpec("ring", bits=int(ring[1]))
+    try:
+        if kind == "circles" and not rest:
+            return TargetSpec("circles")
+        if kind in ("circles", "acircles", "checkerboard") and len(rest) == 1:
+            return TargetSpec(kind, 0, *_size(rest[0]))
+        if kind == "charuco" and len(rest) == 4:
+            square, marker = float(rest[2]), float(rest[3])
+            if not 0 < marker < square < float("inf"):
+                raise _wrong(text, "a marker is smaller than its square, and both have a size")
+            return TargetSpec(kind, 0, *_size(rest[0]), rest[1], square, marker)
+        if kind in ("aruco", "apriltag") and len(rest) == 1 and rest[0]:
+            return TargetSpec(kind, dictionary=rest[0])
+    except ValueError as error:
+        raise _wrong(text, str(error)) from error
+    raise _wrong(text, "no such kind of target")
+
+
+def _size(text: str) -> tuple[int, int]:
+    size = re.fullmatch(r"(\d{1,3})x(\d{1,3})", text)
+    if not size or min(int(size[1]), int(size[2])) < 2:
+        raise ValueError(f"'{text}' is no size such as 10x8")
+    return int(size[1]), int(size[2])
+
+
+def _wrong(text: str, why: str) -> TestfieldError:
+    return TestfieldError(f"'{text}': {why}", "--target", f"give one like {', '.join(KINDS)}")
