@@ -66,6 +66,19 @@ CASES = {
         ("time_ms = 8.0", 'time_ms = 8.0\nshutter = "rolling"'),
         ["exposure.row_time_us"],
     ),
+    "global shutter with a row's time": (
+        ("time_ms = 8.0", "time_ms = 8.0\nrow_time_us = 20"),
+        ["exposure.row_time_us"],
+    ),
+    "focused within the lens": (("f_number = 5.6", "f_number = 5.6\nfocus_mm = 7"), ["camera.focus_mm", "7"]),
+    "darker than dark": (
+        ("f_number = 5.6", "f_number = 5.6\nvignetting = [-1.5, 0, 0]"),
+        ["camera.vignetting", "-1.5"],
+    ),
+    "held coefficient that does not exist": (
+        ("[render]", '[measure]\nhold = ["k9"]\n\n[render]'),
+        ["measure.hold", "k9"],
+    ),
     "diffraction finer than cells": (
         ("f_number = 5.6", "f_number = 1.4\ndiffraction = true"),
         ["camera.diffraction", "0.16 px"],

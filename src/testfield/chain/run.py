@@ -10,6 +10,7 @@ from functools import cached_property
 from pathlib import Path
 
 from testfield import __version__
+from testfield.camera.lens import MODELS
 from testfield.chain.code import PACKAGES, code_digest, package_version
 from testfield.chain.files import Ledger, digest, whole
 from testfield.errors import TestfieldError
@@ -109,7 +110,7 @@ def begin(scene_path: Path, out: Path | None, seed: int | None, jobs: int) -> tu
 
 
 def check_algorithms(scene: SceneFile, source: str) -> None:
-    """Raise `TestfieldError` where the scene asks for an algorithm that nobody registered."""
+    """Raise `TestfieldError` where the scene asks for an algorithm or a coefficient that nobody knows."""
     for stage in STAGES:
         field = stage.removesuffix("s")
         name = getattr(scene.measure, field)
@@ -119,6 +120,13 @@ def check_algorithms(scene: SceneFile, source: str) -> None:
                 f"{source}, measure.{field}",
                 f"choose one of {', '.join(names(stage))}",
             )
+    coefficients = MODELS[scene.measure.lens or scene.camera.lens].coefficients
+    for name in scene.measure.hold:
+        if name not in coefficients:
+            raise TestfieldError(
+                f"the lens that is calibrated has no coefficient '{name}'", f"{source}, measure.hold",
+                f"its coefficients are {', '.join(coefficients)}",
+            )  # fmt: skip
 
 
 def field_key(field: Field) -> str:

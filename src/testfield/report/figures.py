@@ -70,6 +70,7 @@ def residual_map(calibration: Calibration) -> bytes:
         (np.arange(rows * columns) % columns + 0.5) * cell,
         (np.arange(rows * columns) // columns + 0.5) * cell,
     )
+    enough &= np.isfinite(mean).all(axis=1)
     unit = _round_up(np.percentile(np.linalg.norm(mean[enough], axis=1), 90)) if enough.any() else 0.01
     with figure(6.1, 6.1 * interior.height_px / interior.width_px + 0.55) as (drawing, axes):
         arrows = axes.quiver(
@@ -165,7 +166,9 @@ def _ellipse(covariance: np.ndarray, k: float) -> np.ndarray:
 
 
 def _round_up(value: float) -> float:
-    """The next 1, 2 or 5 times a power of ten."""
+    """The next 1, 2 or 5 times a power of ten; 1 of nothing."""
+    if not 0 < value < np.inf:
+        return 1.0
     power = 10.0 ** np.floor(np.log10(value))
     return float(next(step for step in (1, 2, 5, 10) if step * power >= value * (1 - 1e-9)) * power)
 

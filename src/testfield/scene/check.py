@@ -5,7 +5,7 @@ import numpy as np
 from testfield.camera.project import directions
 from testfield.errors import TestfieldError
 from testfield.scene.bend import to_paper
-from testfield.scene.blur import streaks_px
+from testfield.scene.blur import blur_circles_px, streaks_px
 from testfield.scene.exposure import check_exposure
 from testfield.scene.meshes import inside
 from testfield.scene.schema import BoardPart, MeshPart, ScaleBarPart, SceneFile, SurfacePart
@@ -17,6 +17,12 @@ DECODABLE_PX = 8.0
 FACES_DEG = 75.0
 NARROWEST_PX, NARROWEST_AIRY_PX = 0.1, 0.25
 LONGEST_STREAK_PX = 200.0
+LEAST_CODES, LEAST_MARKS = 2, 8
+"""What an image must show of a board to tell where it is."""
+BLURRED = 0.7
+"""Blur circle over diameter above which a target is hardly measured."""
+LARGE, SMALL = 20.0, 0.02
+"""A mesh's size over the measuring volume's diagonal beyond which its unit may be wrong."""
 
 
 def check_scene(scene: SceneFile, world: World, views: Views, source: str) -> list[str]:
@@ -30,7 +36,8 @@ def check_scene(scene: SceneFile, world: World, views: Views, source: str) -> li
     _stations_stand_free(world, source)
     _stations_see(world, views, source)
     unlit = _lit(scene, source) + check_exposure(scene, world, source)
-    return _sizes(world, views, source) + _joined(world, views, source) + unlit
+    blurred = _focused(scene, world, views, source)
+    return _sizes(world, views, source) + _joined(world, views, source) + unlit + blurred + _scaled(world, source)
 
 
 def _possible_optics(scene: SceneFile, world: World, source: str) -> None:
@@ -58,6 +65,25 @@ def _possible_optics(scene: SceneFile, world: World, source: str) -> None:
         raise TestfieldError(
             "render.mode = 'path' carries no moving target", f"{source}, target_motion",
             "move the camera instead (camera.motion), or set render.mode = 'fast'",
+        )  # fmt: skip
+    focus = scene.camera.focus_mm
+    if focus is not None and focus <= scene.camera.focal_length_mm:
+        raise TestfieldError(
+            f"value {focus} is not in front of the lens' focal plane", f"{source}, camera.focus_mm",
+            "give the distance of what is to be sharp, in mm",
+        )  # fmt: skip
+    v1, v2, v3 = scene.camera.vignetting
+    r2 = np.linspace(0, 1, 101) ** 2
+    least = float((1 + r2 * (v1 + r2 * (v2 + r2 * v3))).min())
+    if least <= 0:
+        raise TestfieldError(
+            f"value {list(scene.camera.vignetting)} leaves less than no light ({least:.2f}) within the image",
+            f"{source}, camera.vignetting", "weaken it: 1 + v1 r^2 + v2 r^4 + v3 r^6 must stay positive to r = 1",
+        )  # fmt: skip
+    if scene.exposure.shutter == "global" and scene.exposure.row_time_us:
+        raise TestfieldError(
+            "all rows of a global shutter are exposed at once", f"{source}, exposure.row_time_us",
+            'leave it out, or set shutter = "rolling"',
         )  # fmt: skip
     if scene.exposure.shutter == "rolling" and not scene.exposure.row_time_us:
         raise TestfieldError(
@@ -218,7 +244,7 @@ def _stations_stand_free(world: World, source: str) -> None:
             raise TestfieldError(
                 f"the camera at ({where}) mm is inside the mesh '{mesh.name}'",
                 f"{source}, station '{world.station_name[s]}'",
-                "move position_mm out of it",
+                f"move position_mm out of it, or mend the mesh's unit or place: it is {2 * mesh.sphere[1]:.4g} mm wide",
             )  # fmt: skip
 
 
@@ -239,6 +265,11 @@ def _sizes(world: World, views: Views, source: str) -> list[str]:
     for b, sheet in enumerate(world.field.boards):
         if not (largest[world.marks.board == b] > 0).any():
             warnings.append(f"{source}: board '{sheet.name}' is seen by no station{_why_unseen(world, views, b)}")
+    if len(warnings) == len(world.field.boards):
+        raise TestfieldError(
+            "no station sees any board, so nothing can be calibrated", f"{source}, boards",
+            warnings[0].removeprefix(f"{source}: "),
+        )  # fmt: skip
     never = np.flatnonzero(largest == 0)
     if len(never):
         warnings.append(f"{source}: {len(never)} of {len(coded)} marks are fully seen by no station")
@@ -268,8 +299,15 @@ def _joined(world: World, views: Views, source: str) -> list[str]:
     if len(world.station_name) < 2:
         raise TestfieldError("one station alone measures nothing", f"{source}, stations", "add a second one")
     boards = len(world.field.boards)
-    usable = (views.visible == 1) & (world.marks.code > 0)
-    sees = np.array([(usable & (world.marks.board == b)).sum(axis=1) >= 4 for b in range(boards)])
+    # Dirt on a few codes of a board leaves the others; how much of it is too much, detection tells.
+    whole = views.visible >= views.clean
+    coded = whole & (world.marks.code > 0)
+    sees = np.array(
+        [
+            ((coded & on).sum(axis=1) >= LEAST_CODES) & ((whole & on).sum(axis=1) >= LEAST_MARKS)
+            for on in (world.marks.board == b for b in range(boards))
+        ]
+    )
     reached, frontier = {0}, [0]
     while frontier:
         shared = sees[:, sees[frontier.pop()]].any(axis=1)
@@ -278,6 +316,34 @@ def _joined(world: World, views: Views, source: str) -> list[str]:
         frontier += fresh
     apart = [world.field.boards[b].name for b in range(boards) if b not in reached]
     return [f"{source}: no chain of images joins {', '.join(apart)} to '{world.field.boards[0].name}'"] if apart else []
+
+
+def _focused(scene: SceneFile, world: World, views: Views, source: str) -> list[str]:
+    """A word where most of what is seen is out of focus."""
+    if not world.optics.aperture_mm:
+        return []
+    circle = np.array([blur_circles_px(world, s) for s in range(len(world.station_name))])
+    seen = views.visible == 1
+    blurred = float((circle[seen] > BLURRED * views.diameter_px[seen]).mean()) if seen.any() else 0.0
+    if blurred < 0.5:
+        return []
+    return [
+        f"{source}, camera.focus_mm = {scene.camera.focus_mm:g}: {100 * blurred:.0f} % of the marks seen are out of "
+        f"focus; blur circles are {np.median(circle[seen]):.0f} px wide"
+    ]
+
+
+def _scaled(world: World, source: str) -> list[str]:
+    """A word on meshes far larger or smaller than the field."""
+    warnings = []
+    for k, mesh in enumerate(world.meshes):
+        part = 2 * mesh.sphere[1] / world.field_diagonal_mm
+        if not SMALL <= part <= LARGE:
+            warnings.append(
+                f"{source}, meshes[{k}].unit: '{mesh.name}' is {2 * mesh.sphere[1]:.4g} mm wide, {part:.3g} times the "
+                "measuring volume's diagonal; is this the unit of the file's coordinates?"
+            )
+    return warnings
 
 
 def _lit(scene: SceneFile, source: str) -> list[str]:

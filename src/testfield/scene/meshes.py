@@ -74,6 +74,8 @@ def _read(path: Path, where: str) -> tuple[np.ndarray, np.ndarray]:
         vertices, faces = np.asarray(loaded.vertices, float), np.asarray(loaded.faces, int)
     except Exception as error:  # each format's reader fails in ways of its own
         reason = " ".join(f"{type(error).__name__}: {error}".split())[:120]
+        if isinstance(error, ImportError):  # a binary file that is cut short is taken for text in an unknown encoding
+            reason = "it is damaged or cut short"
         raise TestfieldError(
             f"value '{path}': not a readable mesh ({reason})", where, "give an STL, OBJ, PLY or GLB file"
         ) from error

@@ -26,7 +26,7 @@ def stickers(
     A sticker is stiff: it is parallel to the face it is put on and rests on the highest point under it.
 
     Stickers are squares of `side_in_diameters` dot diameters. Raises `TestfieldError` where no mesh has the name, where
-    two stickers overlap, or where random ones do not find enough room.
+    two stickers overlap or reach over an edge, or where random ones do not find enough room.
     """
     found = []
     taken: dict[str, list[tuple[np.ndarray, float]]] = {mesh.name: [] for mesh in meshes}
@@ -42,6 +42,7 @@ def stickers(
             places = [nearest(mesh, np.array([point])) for point in part.points_mm]
             places = [(place[0], normal[0]) for place, normal in places]
             _apart(places, side, taken[mesh.name], f"{where}.points_mm")
+            _supported(mesh, places, side, f"{where}.points_mm")
         else:
             places = _drawn(part, number, seed, mesh, side, taken[mesh.name])
         for k, (place, normal) in enumerate(places):
@@ -76,6 +77,18 @@ def _apart(places: list[Place], side_mm: float, taken: list[tuple[np.ndarray, fl
         there.append((place, side_mm))
 
 
+def _supported(mesh: TrueMesh, places: list[Place], side_mm: float, where: str) -> None:
+    """Raise `TestfieldError` where a sticker reaches over the mesh's edge, or the mesh bends away below it."""
+    at, normals = (np.array(column) for column in zip(*places, strict=True))
+    over = ~_under_all_corners(mesh, at, normals, side_mm)
+    if over.any():
+        k = int(np.argmax(over))
+        raise TestfieldError(
+            f"the sticker of target {k + 1} is {side_mm:.0f} mm wide, and '{mesh.name}' is not under all of it",
+            where, "move the point away from the edge, or lower diameter_mm",
+        )  # fmt: skip
+
+
 def _drawn(
     part: CheckOnMesh, number: int, seed: int, mesh: TrueMesh, side_mm: float, taken: list[tuple[np.ndarray, float]]
 ) -> list[Place]:
@@ -104,7 +117,8 @@ def _drawn(
             if len(places) == count:
                 return places
     raise TestfieldError(
-        f"only {len(places)} of {count} targets find a place on '{part.mesh}'", f"check_targets[{number}].count",
+        f"only {len(places)} of {count} targets find a place on '{part.mesh}', flat and wide enough for stickers of "
+        f"{side_mm:.0f} mm", f"check_targets[{number}].count",
         f"lower it, spacing_mm (stickers need {np.sqrt(2) * side_mm:.0f}) or diameter_mm, or widen within_deg",
     )  # fmt: skip
 
