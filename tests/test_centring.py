@@ -191,13 +191,15 @@ def test_local_gradients_follow_a_curved_light_and_know_their_doubt() -> None:
     xy = np.stack(np.meshgrid(np.arange(10.0), np.arange(10.0)), -1).reshape(-1, 2) * 50
     values = 1000 + 0.5 * xy[:, 0] - 0.2 * xy[:, 1] + 1e-4 * (xy**2).sum(axis=1) + random.normal(0, 1, 100)
     values[37] *= 3  # a dot that is no dot
-    gradient, information = local_gradients(xy, values, np.ones(100), np.ones(100, bool), np.full(100, 20.0))
+    gradient, information = local_gradients(
+        xy, values, np.ones(100), np.ones(100, bool), np.tile(10 * np.eye(2), (100, 1, 1))
+    )
     true = np.array([0.5, -0.2]) + 2e-4 * xy
     e = np.delete(gradient - true, 37, axis=0)
     chi2 = np.einsum("ni,nij,nj->n", e, np.delete(information, 37, axis=0), e) / 2
     assert np.abs(e).max() < 0.1
     assert np.median(chi2) < 2
-    alone = local_gradients(xy[:5], values[:5], np.ones(5), np.ones(5, bool), np.full(5, 20.0))
+    alone = local_gradients(xy[:5], values[:5], np.ones(5), np.ones(5, bool), np.tile(10 * np.eye(2), (5, 1, 1)))
     assert not alone[1].any()
 
 

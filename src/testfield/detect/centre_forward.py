@@ -33,7 +33,7 @@ _HARMLESS = np.array([0, 0, 2.0, 0, 2.0, 1.0, -1.0, 0, 0, 0, 0, 0])
 """Parameters that keep a lost dot from disturbing the others of its batch; its contrast says that it is lost."""
 CLEAR_OF_BLUR = 4.0
 """An edge is felt up to this many standard deviations of pixel and blur beyond it."""
-UNQUIET = 0.1
+UNQUIET = 0.02
 """Scatter beside a dot, in units of its contrast, above which something may lie there."""
 WORST_PX = 0.5
 """Standard uncertainty at which a dot counts as not measured."""
@@ -337,12 +337,11 @@ def _model(batch: _Batch, theta: np.ndarray, place: _Placement | None) -> tuple[
 
 def _light(theta: np.ndarray, variance: np.ndarray, good: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Expected gradients (n, 4) of contrast and background in DN a px, and their inverse covariances (n, 4, 4)."""
-    diameter = 2 * _reach(theta)[0]
     expected, known = np.zeros((len(theta), 4)), np.zeros((len(theta), 4, 4))
     for k, name in ((0, CONTRAST), (2, BACKGROUND)):
         part = slice(k, k + 2)
         expected[:, part], known[:, part, part] = local_gradients(
-            theta[:, :2], theta[:, name], variance[:, name], good, diameter
+            theta[:, :2], theta[:, name], variance[:, name], good, _axes(theta)
         )
     return expected, known
 

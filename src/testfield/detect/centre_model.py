@@ -8,7 +8,7 @@ nothing (METHODS section 6.1), and its covariance is the inverse normal matrix.
 import numpy as np
 from scipy.special import ndtr
 
-from testfield.camera.images import SensorSheet
+from testfield.camera.images import InvertedSheet, SensorSheet
 from testfield.detect.centre import Centres, half_widths, usable, windows
 from testfield.registry import register
 
@@ -52,6 +52,9 @@ def _fit(
     theta[:, BACKGROUND] = _mean(values, outer)
     theta[:, CONTRAST] = _mean(values, core) - theta[:, BACKGROUND]
     theta[:, BLUR] = 0.7
+    # The same light falls on a dot and on the ground around it: their slopes are in proportion to their levels.
+    ground = above_black(theta[:, BACKGROUND], sheet) / np.maximum(np.abs(theta[:, CONTRAST]), 1e-9)
+    ground = np.nan_to_num(np.clip(ground, -20, 20))
     weight = use / sheet.variance_dn2(values)
 
     converged = np.zeros(n, bool)
@@ -62,7 +65,7 @@ def _fit(
             # The rough blob may be too large by its blur; what the fit may use follows from the fit itself.
             dx, dy = x - theta[:, [CX]], y - theta[:, [CY]]
             use = inside & usable(np.sqrt(np.maximum(_form(_shape(theta), dx, dy), 0)), dx, dy)
-        model, jacobian = _model(theta, x, y)
+        model, jacobian = _model(theta, ground, x, y)
         if k:  # the model's own value is a better guess of a pixel's mean than the noisy pixel
             weight = use / sheet.variance_dn2(model)
         normal, gradient = _normal(jacobian, weight, values - model)
@@ -77,7 +80,7 @@ def _fit(
         if k > RESHAPE[-1] and np.all(converged | ~good):
             break
 
-    model, jacobian = _model(theta, x, y)
+    model, jacobian = _model(theta, ground, x, y)
     residual = values - model
     normal, _ = _normal(jacobian, weight, residual)
     covariance = np.full((n, 2, 2), np.nan)
@@ -109,8 +112,15 @@ def _mean(values: np.ndarray, mask: np.ndarray) -> np.ndarray:
     return (values * mask).sum(axis=1) / np.maximum(mask.sum(axis=1), 1)
 
 
-def _model(theta: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pixel values (n, k) and their derivatives (n, 10, k).
+def above_black(level_dn: np.ndarray, sheet: SensorSheet) -> np.ndarray:
+    """Levels as parts of the light: above black, and of an inverted image below it."""
+    if isinstance(sheet, InvertedSheet):
+        return level_dn - (sheet.largest_dn - sheet.black_level_dn)
+    return level_dn - sheet.black_level_dn
+
+
+def _model(theta: np.ndarray, ground: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Pixel values (n, k) and their derivatives (n, 10, k); `ground` (n,) the ground's level in contrasts.
 
     The distance to the edge is taken to first order, (1 - q) / |grad q|; its change with the parameters where it
     matters, at the edge, is -dq / |grad q|.
@@ -124,23 +134,25 @@ def _model(theta: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray,
     inside = ndtr(z)
     density = np.exp(-0.5 * z * z) / np.sqrt(2 * np.pi)
     lit = contrast + slope_x * dx + slope_y * dy
+    sloping = inside + ground[:, None]
     by_q = -lit * density / (length * blur)  # derivative of the value by q
     jacobian = np.stack(
         [
-            -by_q * gx / q - slope_x * inside,
-            -by_q * gy / q - slope_y * inside,
+            -by_q * gx / q - slope_x * sloping,
+            -by_q * gy / q - slope_y * sloping,
             by_q * dx * dx / (2 * q),
             by_q * dx * dy / q,
             by_q * dy * dy / (2 * q),
             inside,
             np.ones_like(inside),
-            dx * inside,
-            dy * inside,
+            dx * sloping,
+            dy * sloping,
             -lit * density * z / blur,
         ],
         axis=1,
     )
-    return background + lit * inside, jacobian
+    value = background + contrast * inside + (slope_x * dx + slope_y * dy) * sloping
+    return value, jacobian
 
 
 def _normal(jacobian: np.ndarray, weight: np.ndarray, residual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -12,22 +12,29 @@ NEIGHBOURS, LEAST_NEIGHBOURS = 24, 10
 REACH = 20.0
 """Neighbours count up to this many diameters away."""
 ROBUST_ROUNDS = 3
+SURPRISING = 9.0
+"""Squared deviation of a dot from what its neighbours foretell, over its variance."""
+LEAST_SHAPE_PX = 0.02
+"""Standard deviation of a dot's half axes below which no difference from its neighbours' counts."""
 CLEARLY = 1.0
 """Standard deviations of a variance by which scatter must exceed chance to be taken for light."""
 
 
 def local_gradients(
-    xy_px: np.ndarray, values: np.ndarray, variances: np.ndarray, good: np.ndarray, diameter_px: np.ndarray
+    xy_px: np.ndarray, values: np.ndarray, variances: np.ndarray, good: np.ndarray, axes_px: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Gradients (n, 2) a px of a slowly varying quantity at n dots, and their inverse covariances (n, 2, 2).
 
-    `values`, `variances` (n,) one a dot, the latter of chance alone; `good` (n,) which of them count, `diameter_px`
-    (n,). What neighbours scatter about the quadratic beyond chance is light that changes from dot to dot: a random
-    field whose gradients have its variance over its correlation length squared, which is half the dots' spacing or
-    less where neighbours know nothing of each other. A dot with too few neighbours gets a gradient of zero and zeros
-    for the inverse covariance: nothing is known.
+    `values`, `variances` (n,) one a dot, the latter of chance alone; `good` (n,) which of them count; `axes_px` (n, 2,
+    2) the symmetric matrices that make the dots' outlines of the unit circle. A dot whose level or whose shape is not
+    what its neighbours foretell lies on another surface, and they say nothing of its light. What neighbours scatter
+    about the quadratic beyond chance is light that changes from dot to dot: a random field whose gradients have its
+    variance over its correlation length squared, which is half the dots' spacing or less where neighbours know nothing
+    of each other. A dot with too few neighbours gets a gradient of zero and zeros for the inverse covariance: nothing
+    is known.
     """
     n = len(xy_px)
+    diameter_px = 2 * np.abs(np.linalg.eigvalsh(axes_px)).max(axis=1)
     gradient, information = np.zeros((n, 2)), np.zeros((n, 2, 2))
     known = np.flatnonzero(good)
     if len(known) <= LEAST_NEIGHBOURS:
@@ -61,12 +68,32 @@ def local_gradients(
     spacing = np.sort(np.where(near, distance, np.inf), axis=1)[:, 1:5].mean(axis=1)
     rough = np.where(beyond, variance - chance, 0) * (2 / spacing) ** 2
     covariance += rough[:, None, None] * np.eye(2)
+    leverage = np.minimum(weight[:, 0] * inverse[:, 0, 0], 0.95)
+    surprise = _surprise(residual, weight, freedom, leverage, variances[rows[:, 0]])
+    for i, j in ((0, 0), (0, 1), (1, 1)):
+        off = _fit(design, axes_px[:, i, j][rows], weight)[1]
+        surprise = np.maximum(
+            surprise, _surprise(off, weight, freedom, leverage, np.full(len(rows), LEAST_SHAPE_PX**2))
+        )
     scale = np.abs(level).max(axis=1) / radius
     covariance += (1e-9 * scale[:, None, None]) ** 2 * np.eye(2)  # nothing is known without doubt
-    usable = (freedom > 2) & np.isfinite(covariance).all(axis=(1, 2)) & (np.linalg.det(covariance) > 0)
+    usable = (
+        (surprise < SURPRISING)
+        & (freedom > 2)
+        & np.isfinite(covariance).all(axis=(1, 2))
+        & (np.linalg.det(covariance) > 0)
+    )
     gradient[known[usable]] = (solution[:, 1:3] / radius[:, None])[usable]
     information[known[usable]] = np.linalg.inv(covariance[usable])
     return gradient, information
+
+
+def _surprise(
+    residual: np.ndarray, weight: np.ndarray, freedom: np.ndarray, leverage: np.ndarray, least: np.ndarray
+) -> np.ndarray:
+    """(n,) squared deviation of each dot from a fit to the others alone, over its variance, at least `least`."""
+    variance = (weight * residual**2).sum(axis=1) / np.maximum(freedom, 1e-6)
+    return (residual[:, 0] / (1 - leverage)) ** 2 / np.maximum(np.maximum(variance, least) / (1 - leverage), 1e-300)
 
 
 def _fit(design: np.ndarray, level: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
