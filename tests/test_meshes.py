@@ -24,7 +24,7 @@ from testfield.scene.load import load_scene, parse_scene
 from testfield.scene.meshes import inside, turned
 from testfield.scene.stickers import LIFT_MM, nearest
 from testfield.scene.truth import see
-from testfield.scene.world import BOARD, AreaLight, Panels, TrueMarks, TrueMesh, World
+from testfield.scene.world import BOARD, AreaLight, Panels, PointLight, TrueMarks, TrueMesh, World
 from testfield.targets.field import Field
 
 SCENES = Path(__file__).parents[1] / "scenes"
@@ -338,3 +338,21 @@ def test_pictures_without_a_mesh_know_nothing_of_meshes() -> None:
     ]
     assert all(isinstance(image, Radiance) for image in images)
     assert images[0].values.tobytes() == images[1].values.tobytes()
+
+
+def test_a_bent_board_leaves_the_shade_of_a_mesh_alone() -> None:
+    """Whatever is no panel must not be taken for the first one, whose surface is a cylinder here."""
+    flat = replace(
+        board_world((ball(150.0, (0.0, 350.0, 300.0)),), ambient=0.0),
+        point_lights=(PointLight(np.array([300.0, 900.0, 1500.0]), 3.0),),
+    )
+    n = len(flat.panels)
+    curve = np.where(np.arange(n) == 0, 2e-4, 0.0)
+    bent = replace(flat, panels=replace(flat.panels, curvature_per_mm=curve, bend_axis_rad=np.full(n, np.pi / 2)))
+    light = Irradiance.even(n, 0.0, flat.meshes)
+    images = [render_fast(build_stage(world), light, 0, 2).values for world in (flat, bent)]
+    top = project(flat.interior, flat.camera_from_world, np.array([[0.0, 350.0, 450.0]]))[0]
+    x, y = np.rint(top).astype(int)
+    shade = [image[y - 8 : y + 9, x - 8 : x + 9] for image in images]
+    assert shade[0].min() > 0
+    assert np.abs(shade[1] - shade[0]).max() < 2e-3 * shade[0].max()

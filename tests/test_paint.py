@@ -24,6 +24,7 @@ from testfield.scene.world import (
     GLOSS,
     LUMINOUS,
     RETRO,
+    Dirt,
     Gloss,
     Panels,
     PointLight,
@@ -318,9 +319,9 @@ BAD = {
         ("[render]", '[paint]\nink = "retro"\nretro = { coefficient_cd_lx_m2 = 900 }\n\n[render]'),
         "coefficient_cd_lx_m2: value 900",
     ),
-    "mirror with blur": (
-        ("[render]", '[paint]\nink = "gloss"\ngloss = { roughness = 0.05 }\n\n[render]'),
-        "paint.gloss.roughness: value 0.05",
+    "gloss on what moves": (
+        ("[render]", '[target_motion]\nvelocity_mm_s = [1, 0, 0]\n\n[paint]\nink = "gloss"\n\n[render]'),
+        "paint.ink: glossy ink cannot be rendered together with a target that moves",
     ),
 }  # fmt: skip
 
@@ -361,3 +362,13 @@ def test_a_board_can_have_an_ink_of_its_own() -> None:
     assert [world.panels.name[k] for k in np.flatnonzero(world.panels.ink)] == ["B"]
     assert world.luminous_radiance == 1.0
     assert build_world(load_scene(SCENES / "quick.toml")).panels.ink is None
+
+
+def test_dirt_covers_retro_reflecting_ink_as_it_covers_any() -> None:
+    flash = RingFlash(28.0, 16, 2.0, 0.0)
+    clean = world_of(RETRO, flash=flash, retro=RETRO_INK)
+    spot = Dirt(np.zeros(1, int), np.zeros((1, 2)), np.array([2 * RADIUS_MM]), np.array([0.3]))
+    dirty = replace(clean, dirt=spot)
+    assert fast(clean)[MIDDLE] > 10
+    square_on = 2.0 / ((D_MM**2 + 28.0**2) * 1e-6)
+    assert fast(dirty)[MIDDLE] == pytest.approx(0.3 * square_on / np.pi, rel=5e-3)

@@ -52,10 +52,11 @@ def render(run: Run) -> Made:
 
     from testfield.render.irradiance import Irradiance, compute_irradiance
     from testfield.render.stage import build_stage
-    from testfield.render.view import render_reference, render_view
+    from testfield.render.view import fast_carries, render_reference, render_view
 
     stage = build_stage(world)
-    if fast:
+    light = Irradiance.even(len(world.panels), 0.0)  # not asked for where every image is path traced
+    if fast and fast_carries(world):
         seed = seed_of(world.seed, "light") & 0x7FFFFFFF
         with bar("light", 1, "scene") as move:
             run.ledger.make(
@@ -123,12 +124,14 @@ def _expose_one(work: tuple) -> tuple[str, str]:
 
 def detect(run: Run) -> Made:
     """Observations of all frames together."""
+    from testfield.detect.detect import ROUGH
     from testfield.detect.observations import Observations
 
     measure, camera = run.scene.measure, run.scene.camera
     sources = [run.need(f"frames/{name}.png", "expose") for name in run.stations]
     sheets = [run.need(f"frames/{name}.json", "expose") for name in run.stations]
-    code = code_digest("testfield.detect.detect", module_of("centroids", measure.centroid))
+    modules = {module_of("centroids", name) for name in (measure.centroid, ROUGH)}
+    code = code_digest("testfield.detect.detect", *sorted(modules))
     settings = (measure.centroid, measure.smallest_diameter_px)
     key = digest(code, [file_digest(path) for path in sources + sheets], run.field, settings)
     if run.ledger.fresh("observations.parquet", key):

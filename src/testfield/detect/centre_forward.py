@@ -249,10 +249,6 @@ def _inverse(normal: np.ndarray) -> np.ndarray:
     return np.linalg.pinv(unit, 1e-11, hermitian=True) * scale[:, :, None] * scale[:, None, :]
 
 
-def _solve(normal: np.ndarray, gradient: np.ndarray) -> np.ndarray:
-    return np.einsum("nij,nj->ni", _inverse(normal), gradient)
-
-
 def _sound(batch: _Batch, theta: np.ndarray) -> np.ndarray:
     """(n,) whether parameters still describe a dot within its window."""
     finite = np.isfinite(theta).all(axis=1)

@@ -17,6 +17,8 @@ from testfield.targets.field import Field
 from testfield.targets.marks import RingRadii
 
 LARGEST_PX = 210.0
+ROUGH = "grey_centroid"
+"""The estimator that looks at every blob before the one that was asked for."""
 WORST_MISFIT = 0.06
 """Rms residual beyond noise, as a fraction of the contrast, above which a blob is no dot."""
 WORST_UNEVEN, CERTAIN_CHI2 = ((4.0, 12.0), (0.04, 0.3)), 2.0
@@ -88,14 +90,14 @@ def measure_targets(
     Every blob that stands alone on darker ground gets a row, whether it was measured or not.
     """
     blobs = find_blobs(image, sheet, smallest_px, largest_px)
-    rough = find("centroids", "grey_centroid")(image, sheet, blobs.xy_px, blobs.moments_px2)
+    rough = find("centroids", ROUGH)(image, sheet, blobs.xy_px, blobs.moments_px2)
     noise = np.sqrt(sheet.variance_dn2(np.nan_to_num(rough.background_dn + rough.contrast_dn / 2)))
     rough_ok = rough.ok & (_diameter(rough.moments_px2) > 0.7 * smallest_px)
     rough_ok &= may_be_dots(image, rough.xy_px, rough.moments_px2, rough.contrast_dn, noise)
     xy, moments, cut = rough.xy_px[rough_ok], rough.moments_px2[rough_ok], blobs.cut[rough_ok]
     elliptic = is_elliptic(image, xy, moments, noise[rough_ok] / rough.contrast_dn[rough_ok], ROUGHLY)
     xy, moments, cut = xy[elliptic], moments[elliptic], cut[elliptic]
-    if centroid == "grey_centroid":
+    if centroid == ROUGH:
         rows = np.flatnonzero(rough_ok)[elliptic]
         centres = Centres(**{name: values[rows] for name, values in vars(rough).items()})
     else:

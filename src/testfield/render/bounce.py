@@ -17,5 +17,6 @@ def flash_bounce(world: World, station: int, seed: int) -> Irradiance | None:
     """Indirect irradiance on every panel from the camera's flash at one station; None where there is no flash."""
     if world.flash is None:
         return None
+    # What bounces onto meshes is left out: nothing is measured on them. They are in the way all the same.
     alone = replace(world, lights=(), point_lights=(), ambient_radiance=0.0, sky=None, luminous_radiance=0.0)
     return compute_irradiance(build_stage(alone, station), SPACING_MM, PATHS, seed, lambda _: None)

@@ -50,7 +50,8 @@ def render_fast(
     cells, margin = spread.cells, spread.margin
     view = _View(stage, light, station, bounce)
     columns = (width + 2 * margin) * cells
-    strip = max(1, CELLS_A_PASS // (columns * cells) - 2 * margin)
+    # A wide point spread needs a margin above and below each strip: no strip is so low that margins are most of it.
+    strip = max(CELLS_A_PASS // (columns * cells) - 2 * margin, 2 * margin, 1)
     strips = -(-height // strip)
     strip = -(-height // strips)
     values = np.empty((height, width), np.float32)
@@ -167,5 +168,5 @@ def _first(stage: Stage, scene: Any, rays: Rays) -> Any:
     flags = mi.RayFlags.Minimal | mi.RayFlags.UV | mi.RayFlags.dPdUV
     hit = scene.ray_intersect(ray, ray_flags=flags, coherent=True)
     if stage.texture.bent:
-        hit = stage.texture.bent.refine(hit, ray, stage.texture.panel(hit), hit.is_valid())
+        hit = stage.texture.bent.refine(hit, ray, stage.texture.panel(hit), stage.is_panel(hit))
     return hit

@@ -42,7 +42,8 @@ def paint_class() -> type:
             assert materials is not None
             ink = mi.Float(0)
             if materials.retro:
-                shifted = self.texture.coverage(si, retro_shift_mm(materials.retro, si.wi), 1)
+                at = self.texture.on_surface(si)
+                shifted = self.texture.coverage(at, retro_shift_mm(materials.retro, si.wi), 1)
                 ink = dr.select(materials.carries(panel, RETRO), shifted, 0)
             coated = materials.carries(panel, GLOSS) if materials.gloss else mi.Bool(False)
             return ink, coated

@@ -130,8 +130,8 @@ class DirtTables:
         self.x, self.y = (mi.Float(dirt.xy_mm[:, k].astype(np.float32)) for k in (0, 1))
         self.radius, self.albedo = mi.Float(dirt.radius_mm), mi.Float(dirt.albedo)
 
-    def over(self, below: Any, panel: Any, uv: Any, duv_dx: Any, duv_dy: Any, parts: int) -> Any:
-        """Reflectance with the spots over that of the print, `below`.
+    def over(self, below: Any, panel: Any, uv: Any, duv_dx: Any, duv_dy: Any, parts: int, black: bool = False) -> Any:
+        """Reflectance with the spots over that of the print, `below`; `black` as if the spots reflected nothing.
 
         Where a spot's edge crosses a mark's within one footprint, what lies under the spot is taken as the footprint's
         mean.
@@ -163,7 +163,8 @@ class DirtTables:
                 sag = (tangential[0] ** 2 + tangential[1] ** 2) / (24 * dr.maximum(r, radius / 2))
                 covered += half_plane(radius - r - sag, radial)
             covered = dr.select(here, covered / parts**2, 0)
-            below = below + covered * (dr.gather(mi.Float, self.albedo, index, here) - below)
+            albedo = 0 if black else dr.gather(mi.Float, self.albedo, index, here)
+            below = below + covered * (albedo - below)
         return below
 
 
@@ -252,14 +253,17 @@ def pattern_texture_class() -> type:
             number: Any = dr.reinterpret_array(mi.UInt32, si.shape)
             return dr.gather(mi.UInt32, self.panel_of_shape, number)
 
+        def on_surface(self, si: Any, active: Any = True) -> Any:
+            """The path tracer's hit, moved from the mesh to the surface along the ray that found it."""
+            if not self.bent:
+                return si
+            ray = mi.Ray3f(si.p, -si.to_world(si.wi))
+            at = mi.SurfaceInteraction3f(si)
+            at.t = mi.Float(0)
+            return self.bent.refine(at, ray, self.panel(si), active)
+
         def eval_1(self, si, active=True):  # type: ignore[no-untyped-def]
-            if self.bent:
-                # The path tracer's hit, moved from the mesh to the surface along the ray that found it.
-                ray = mi.Ray3f(si.p, -si.to_world(si.wi))
-                at = mi.SurfaceInteraction3f(si)
-                at.t = mi.Float(0)
-                si = self.bent.refine(at, ray, self.panel(si), active)
-            return self.reflectance(si, 1)
+            return self.reflectance(self.on_surface(si, active), 1)
 
         def reflectance(self, si: Any, parts: int) -> Any:
             tables = self.tables
@@ -273,13 +277,16 @@ def pattern_texture_class() -> type:
             return tables.dirt.over(printed, panel, si.uv, si.duv_dx, si.duv_dy, parts)
 
         def coverage(self, si: Any, shift_mm: tuple[Any, Any], parts: int) -> Any:
-            """Part of a hit's footprint that is ink, of a print moved by `shift_mm` along the panel's x and y."""
+            """Part of a hit's footprint that is clean ink, of a print moved by `shift_mm` along the panel's x and y."""
             tables = self.tables
             assert tables is not None
             panel = self.panel(si)
             size = dr.gather(mi.Float, tables.width, panel), dr.gather(mi.Float, tables.height, panel)
             uv = mi.Point2f(si.uv.x - shift_mm[0] / size[0], si.uv.y - shift_mm[1] / size[1])
-            return tables.coverage(panel, uv, si.duv_dx, si.duv_dy, parts)
+            ink = tables.coverage(panel, uv, si.duv_dx, si.duv_dy, parts)
+            if tables.dirt is None:
+                return ink
+            return ink * tables.dirt.over(mi.Float(1), panel, si.uv, si.duv_dx, si.duv_dy, parts, black=True)
 
         def eval(self, si, active=True):  # type: ignore[no-untyped-def]
             return mi.Color1f(self.eval_1(si, active))

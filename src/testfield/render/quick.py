@@ -28,6 +28,8 @@ def quick_view(world: World, station: int) -> Radiance:
         world,
         interior=replace(world.interior, width_px=width, height_px=height, parameters=parameters),
         psf_sigma_px=0.0,
+        optics=replace(world.optics, airy_px=0.0),
+        motion=replace(world.motion, row_s=world.motion.row_s / shrink),
     )
     stage = build_stage(small)
     light = compute_irradiance(stage, SPACING_MM, PATHS, 1, lambda _: None)

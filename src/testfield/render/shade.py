@@ -57,7 +57,7 @@ def _behind(stage: Stage, lookup: IrradianceSum, ray: Any, active: Any) -> Any:
 
     hit = stage.scene.ray_intersect(ray, ray_flags=mi.RayFlags.Minimal | mi.RayFlags.UV, coherent=False, active=active)
     lamp = stage.is_lamp(hit)
-    seen = active & hit.is_valid() & (dr.dot(ray.d, hit.n) < 0) & ~lamp
+    seen = active & stage.is_panel(hit) & (dr.dot(ray.d, hit.n) < 0) & ~lamp
     panel = stage.texture.panel(hit)
     matt = stage.texture.reflectance(hit, 1) * lookup.at(panel, hit.uv) / dr.pi
     emitted = dr.select(active & lamp, hit.emitter(stage.scene).eval(hit, active & lamp)[0], 0)

@@ -31,16 +31,19 @@ class Stage:
     still: Any = None
     moving: Any = None
 
+    def is_panel(self, hit: Any) -> Any:
+        """Whether hits lie on a panel, and not on a lamp or a mesh."""
+        import drjit as dr
+
+        number: Any = dr.reinterpret_array(mitsuba().UInt32, hit.shape)
+        return hit.is_valid() & (dr.gather(mitsuba().UInt32, self.panel_shape, number, hit.is_valid()) == 1)
+
     def is_lamp(self, hit: Any) -> Any:
         """Whether hits or misses meet a light and no panel; luminous ink is a panel's."""
         emitter = hit.emitter(self.scene)
         lamp = emitter != None  # noqa: E711 (a device pointer)
         if self.materials.luminous_radiance:
-            import drjit as dr
-
-            mi = mitsuba()
-            number: Any = dr.reinterpret_array(mi.UInt32, hit.shape)
-            lamp &= ~(hit.is_valid() & (dr.gather(mi.UInt32, self.panel_shape, number) == 1))
+            lamp &= ~self.is_panel(hit)
         return lamp
 
 
@@ -137,8 +140,10 @@ def build_stage(world: World, flash_at: int | None = None) -> Stage:
     for shape in scene.shapes():
         groups[not shape.id().startswith("light") and shape.id() not in room][shape.id()] = shape
     around = {name: parts[name] for name in ("ambient", "sky") if name in parts}
+    robust = {name: value for name, value in parts.items() if name == "embree_use_robust_intersections"}
     still, moving = (
-        mi.load_dict({"type": "scene", **shapes}, optimize=False) for shapes in (groups[False] | around, groups[True])
+        mi.load_dict({"type": "scene", **robust, **shapes}, optimize=False)
+        for shapes in (groups[False] | around, groups[True])
     )
     return replace(stage, still=still, moving=moving)
 

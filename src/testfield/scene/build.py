@@ -88,7 +88,6 @@ class _Assembly:
              -curvature / shrink, np.pi - axis_rad, MATT)
         )  # fmt: skip
         return front
-        return len(self.panels) - 2
 
     def sticker(
         self,

@@ -10,7 +10,7 @@ from testfield.scene.exposure import check_exposure
 from testfield.scene.meshes import inside
 from testfield.scene.schema import BoardPart, MeshPart, ScaleBarPart, SceneFile, SurfacePart
 from testfield.scene.truth import Views
-from testfield.scene.world import SMOOTHEST, World
+from testfield.scene.world import World
 from testfield.targets.ring_code import code_words
 
 DECODABLE_PX = 8.0
@@ -131,12 +131,14 @@ def _visible_paint(scene: SceneFile, source: str) -> None:
                 f"{paint.retro.half_observation_deg} it returns {returned:.2f} of the light, with matt = "
                 f"{paint.retro.matt} more than falls on it", f"{source}, paint.retro.coefficient_cd_lx_m2", "lower one",
             )  # fmt: skip
-    if "gloss" in inks and paint.gloss.roughness < SMOOTHEST and scene.camera.psf_sigma_px:
-        raise TestfieldError(
-            f"value {paint.gloss.roughness} is rendered by path tracing, which carries no point spread, and "
-            f"camera.psf_sigma_px is {scene.camera.psf_sigma_px}", f"{source}, paint.gloss.roughness",
-            f"set camera.psf_sigma_px = 0, or give {SMOOTHEST} or more",
-        )  # fmt: skip
+    for what, asked in (
+        ("a target that moves", scene.target_motion is not None), ("diffraction", scene.camera.diffraction),
+    ):  # fmt: skip
+        if "gloss" in inks and asked:
+            raise TestfieldError(
+                f"glossy ink cannot be rendered together with {what}", f"{source}, paint.ink",
+                "choose another ink, or leave out target_motion and camera.diffraction",
+            )  # fmt: skip
 
 
 def retro_reflectance(coefficient: float, half_observation_deg: float) -> float:
@@ -300,7 +302,7 @@ def _joined(world: World, views: Views, source: str) -> list[str]:
         raise TestfieldError("one station alone measures nothing", f"{source}, stations", "add a second one")
     boards = len(world.field.boards)
     # Dirt on a few codes of a board leaves the others; how much of it is too much, detection tells.
-    whole = views.visible >= views.clean
+    whole = (views.visible >= views.clean) & (views.visible > 0)
     coded = whole & (world.marks.code > 0)
     sees = np.array(
         [

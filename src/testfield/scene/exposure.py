@@ -23,7 +23,7 @@ def check_exposure(scene: SceneFile, world: World, source: str) -> list[str]:
     if not len(world.field.boards):
         return []
     white, contrast = white_radiance(world)
-    if not (white > 0).any():
+    if not (white[world.marks.board >= 0] > 0).any():
         raise TestfieldError(
             "no board receives any light: every lamp shines away from them, and there is none from all around",
             f"{source}, room.lights", "turn `normal` of the lamps to the boards, or give room.ambient_w_m2_sr",
