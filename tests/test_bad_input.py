@@ -199,7 +199,10 @@ def test_a_wrong_exposure_is_warned_of_with_level_and_advice(
         assert word in said, said
 
 
-@pytest.mark.parametrize("name", ["quick", "stitched_wall", "shadowed_board"])
+SHIPPED = sorted(path.stem for path in SCENES.glob("*.toml"))
+
+
+@pytest.mark.parametrize("name", SHIPPED)
 def test_the_scenes_that_come_along_are_well_exposed(name: str, capsys: pytest.CaptureFixture) -> None:
     assert main(["validate", str(SCENES / f"{name}.toml")]) == 0
     assert "exposure" not in capsys.readouterr().err
