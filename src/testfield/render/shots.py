@@ -3,10 +3,10 @@
 import numpy as np
 
 from testfield.scene.blur import blur_circles_px, streaks_px
+from testfield.scene.sunflower import sunflower
 from testfield.scene.world import World
 
 FEWEST = 8
-GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
 
 
 def shots(world: World, station: int, most: int) -> np.ndarray:
@@ -23,8 +23,7 @@ def shots(world: World, station: int, most: int) -> np.ndarray:
     )
     half = max(1, min(most, int(FEWEST + circle**2 + 2 * streak)) // 2)
     k = np.arange(half)
-    radius = np.sqrt((k + 0.5) / half)
-    pupil = radius[:, None] * np.column_stack([np.cos(GOLDEN_ANGLE * k), np.sin(GOLDEN_ANGLE * k)])
+    pupil = sunflower(half)
     if half > 1:
         # A few points are a little longer one way than the other: make their second moments a disc's, exactly.
         length, way = np.linalg.eigh(pupil.T @ pupil / half)

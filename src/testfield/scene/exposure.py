@@ -8,6 +8,7 @@ import numpy as np
 
 from testfield.errors import TestfieldError
 from testfield.scene.schema import SceneFile
+from testfield.scene.sunflower import sunflower
 from testfield.scene.truth import hidden
 from testfield.scene.world import LUMINOUS, RETRO, World
 from testfield.sensor.expose import Sensor
@@ -126,8 +127,7 @@ def _irradiance(world: World) -> np.ndarray:
 
 def _open_sky(world: World, point_mm: np.ndarray, frame: np.ndarray) -> float:
     """Part of a surface's sky, weighted with the cosine, that nothing hides."""
-    k = np.arange(SKY_DIRECTIONS)
-    radius, turn = np.sqrt((k + 0.5) / SKY_DIRECTIONS), k * np.pi * (3 - np.sqrt(5))
-    local = np.column_stack([radius * np.cos(turn), radius * np.sin(turn), np.sqrt(1 - radius**2)])
+    across = sunflower(SKY_DIRECTIONS)
+    local = np.column_stack([across, np.sqrt(1 - (across**2).sum(axis=1))])
     far = point_mm + FAR_MM * local @ frame.T
     return float(1 - hidden(point_mm, far, world, np.full(len(far), -1)).mean())

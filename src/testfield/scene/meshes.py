@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from testfield.errors import TestfieldError
+from testfield.scene.named_files import named_file
 from testfield.scene.schema import MeshPart, SceneFile
 from testfield.scene.world import TrueMesh
 
@@ -26,8 +27,7 @@ def load_meshes(scene: SceneFile) -> tuple[TrueMesh, ...]:
 
 def mesh_path(part: MeshPart, folder: Path) -> Path:
     """Where a mesh's file is: as the scene names it or, in a run's folder, the copy made when it was run."""
-    named, copy = folder / part.file, folder / copy_name(part)
-    return named if named.exists() or not copy.is_file() else copy
+    return named_file(part.file, copy_name(part), folder)
 
 
 def copy_name(part: MeshPart) -> str:

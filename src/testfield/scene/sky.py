@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from testfield.errors import TestfieldError
+from testfield.scene.named_files import named_file
 from testfield.scene.schema import GradientPart, MapPart
 from testfield.scene.world import Sky
 
@@ -15,8 +16,7 @@ LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
 def map_path(part: MapPart, folder: Path) -> Path:
     """Where a map's file is: as the scene names it or, in a run's folder, the copy made when it was run."""
-    named, copy = folder / part.file, folder / copy_name(part)
-    return named if named.exists() or not copy.is_file() else copy
+    return named_file(part.file, copy_name(part), folder)
 
 
 def copy_name(part: MapPart) -> str:

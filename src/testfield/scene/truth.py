@@ -9,6 +9,7 @@ from testfield.camera.pose import Poses
 from testfield.camera.project import project
 from testfield.scene.bend import crossings, to_paper
 from testfield.scene.sight import hidden_by_meshes
+from testfield.scene.sunflower import sunflower
 from testfield.scene.world import Panels, World
 
 RIM_POINTS = 12
@@ -121,21 +122,14 @@ def _ellipse(moments_px2: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _visible(world: World, station: int, facing: np.ndarray) -> np.ndarray:
     """(n,) visible fraction of the printed area of every mark; `facing` (n,) those that face the camera."""
     front = np.flatnonzero(facing)
-    seen = _points_seen(world, station, front, np.vstack([_lattice(AREA_POINTS), _circle(RIM_POINTS)]))
+    seen = _points_seen(world, station, front, np.vstack([sunflower(AREA_POINTS), _circle(RIM_POINTS)]))
     visible = np.zeros(len(facing))
     visible[front] = seen.mean(axis=1)
     part = np.flatnonzero((visible > 0) & (visible < 1))
-    fine = _points_seen(world, station, part, _lattice(FINE_AREA_POINTS)).mean(axis=1)
+    fine = _points_seen(world, station, part, sunflower(FINE_AREA_POINTS)).mean(axis=1)
     # What the coarse points saw a part of is neither whole nor gone, whatever the fine ones say.
     visible[part] = np.clip(fine, 0.5 / FINE_AREA_POINTS, 1 - 0.5 / FINE_AREA_POINTS)
     return visible
-
-
-def _lattice(count: int) -> np.ndarray:
-    """(count, 2) points of equal shares of the unit disc, after Vogel's sunflower."""
-    k = np.arange(count)
-    turn = k * np.pi * (3 - np.sqrt(5))
-    return np.sqrt((k[:, None] + 0.5) / count) * np.column_stack([np.cos(turn), np.sin(turn)])
 
 
 def _points_seen(world: World, station: int, marks: np.ndarray, places: np.ndarray) -> np.ndarray:

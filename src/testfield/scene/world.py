@@ -9,6 +9,7 @@ from testfield.camera.motion import UNMOVED, Motion
 from testfield.camera.optics import PINHOLE, Optics
 from testfield.camera.pose import Poses
 from testfield.scene import bend
+from testfield.scene.sunflower import sunflower
 from testfield.targets.field import Field
 from testfield.targets.marks import RADII, USUAL, RingRadii
 
@@ -257,9 +258,7 @@ class World:
         """
         marks, dirt = self.marks, self.dirt
         clean = np.ones(len(marks))
-        k = np.arange(CLEAN_POINTS)
-        radius, turn = np.sqrt((k + 0.5) / CLEAN_POINTS), k * np.pi * (3 - np.sqrt(5))
-        lattice = np.column_stack([radius * np.cos(turn), radius * np.sin(turn)])
+        lattice = sunflower(CLEAN_POINTS)
         for m, reach in enumerate(marks.printed_radius_mm):
             offset = dirt.xy_mm - marks.xy_mm[m]
             near = (dirt.panel == marks.panel[m]) & (np.linalg.norm(offset, axis=1) < reach + dirt.radius_mm)
