@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from testfield.adjust.bundle import adjust
-from testfield.adjust.network import Network
+from testfield.adjust.bundle import adjust, predict
+from testfield.adjust.network import FREE, HELD, Camera, Distances, Images, Network, information_of
 from testfield.camera.interior import Interior
 from testfield.camera.pose import Poses, rotation, rotation_vector
 from testfield.errors import TestfieldError
@@ -15,6 +15,8 @@ from testfield.scene.frames import camera_looking
 NAMES = tuple(f"s{k}" for k in range(8))
 BOARDS = ("A", "B")
 SIGMA_PX, U_PRINT_MM, U_BAR_MM = 0.02, 0.02, 0.01
+U_BAR = np.array([U_BAR_MM])
+U_PRINT = np.array([[U_PRINT_MM, U_PRINT_MM, 0]] * 60 + [[0, 0, 0]] * 2)
 
 
 def true_network(flat: bool = False) -> Network:
@@ -37,29 +39,31 @@ def true_network(flat: bool = False) -> Network:
     station, point = (v.ravel() for v in np.meshgrid(np.arange(8), np.arange(62), indexing="ij"))
     n = len(station)
     network = Network(
-        camera, np.ones(9, bool), stations, boards, 1.0, 3e-5, local, owner, local, u, station, point,
-        np.zeros((n, 2)), np.tile(SIGMA_PX**2 * np.eye(2), (n, 1, 1)), np.zeros((n, 2)),
-        np.array([[60, 61]]), np.array([np.linalg.norm(local[60] - local[61])]), np.array([U_BAR_MM]),
+        (Camera.of(camera),), stations, Images.one_camera(8), boards, (HELD, FREE), local, owner, local,
+        information_of(u), station, point, np.zeros((n, 2)), np.tile(SIGMA_PX**2 * np.eye(2), (n, 1, 1)),
+        np.zeros((n, 2)), Distances(np.array([[60, 61]]), np.linalg.norm(local[60:61] - local[61:], axis=1), U_BAR),
+        1.0, 3e-5,
     )  # fmt: skip
-    return replace(network, xy_px=network.project()[0])
+    return replace(network, xy_px=predict(network))
 
 
 def observed(truth: Network, rng: np.random.Generator) -> Network:
     """A measured network: the boards are made with errors, the bar certified with one, the pixels noisy."""
-    made = truth.point_mm + np.where(np.isfinite(truth.u_prior_mm), truth.u_prior_mm, 0) * rng.standard_normal((62, 3))
+    made = truth.point_mm + U_PRINT * rng.standard_normal((62, 3))
     scale = 1 + truth.u_scale * rng.standard_normal()
     real = replace(truth, point_mm=made, scale=scale)
-    xy = real.project()[0] + SIGMA_PX * rng.standard_normal(truth.xy_px.shape)
-    length = truth.length_mm + U_BAR_MM * rng.standard_normal(1)
-    return replace(truth, xy_px=xy, length_mm=length), scale  # type: ignore[return-value]
+    xy = predict(real) + SIGMA_PX * rng.standard_normal(truth.xy_px.shape)
+    length = truth.distances.length_mm + U_BAR_MM * rng.standard_normal(1)
+    return replace(truth, xy_px=xy, distances=replace(truth.distances, length_mm=length)), scale  # type: ignore[return-value]
 
 
 def test_exact_observations_are_a_fixed_point_from_a_rough_start() -> None:
     truth = true_network()
     rng = np.random.default_rng(2)
+    off = [30, -20, 10, -15, 0.02, -0.02, 0, 0, 0]
     rough = replace(
         truth,
-        interior=truth.interior.with_parameters(truth.interior.parameters + [30, -20, 10, -15, 0.02, -0.02, 0, 0, 0]),
+        cameras=(Camera.of(truth.interior.with_parameters(truth.interior.parameters + off)),),
         stations=Poses(
             rotation(rng.normal(0, 0.01, (8, 3))) @ truth.stations.R, truth.stations.t_mm + rng.normal(0, 20, (8, 3))
         ),
@@ -113,9 +117,9 @@ def test_a_view_straight_onto_a_plane_cannot_know_the_focal_length() -> None:
     one = replace(
         flat,
         boards=Poses(np.stack([np.eye(3), np.eye(3)]), np.array([[0, 0, 0], [900.0, 0, 0]])),
-        ends=np.zeros((0, 2), int), length_mm=np.zeros(0), u_length_mm=np.zeros(0),
-    ).take(flat.point < 60)  # fmt: skip
-    one = replace(one, xy_px=one.project()[0])
+        distances=Distances(),
+    ).take(flat.point < 60)
+    one = replace(one, xy_px=predict(one))
     slanted = adjust(true_network(), true_network().labels(NAMES, BOARDS)).covariance
     try:
         weak = adjust(one, one.labels(NAMES, BOARDS)).covariance
@@ -127,7 +131,7 @@ def test_a_view_straight_onto_a_plane_cannot_know_the_focal_length() -> None:
 
 def test_what_is_not_determined_is_named() -> None:
     truth = true_network()
-    alone = truth.take(truth.station != 3)
+    alone = truth.take(truth.image != 3)
     with pytest.raises(TestfieldError, match=r"station:s3\.") as caught:
         adjust(alone, truth.labels(NAMES, BOARDS))
     assert "do not determine" in str(caught.value)
@@ -139,7 +143,7 @@ def test_a_weaker_scale_prior_leaves_the_scale_to_the_bar() -> None:
     at = labels.index("scale")
     with_bar = adjust(truth, labels)
     bar_only = np.sqrt(with_bar.covariance[at, at])
-    without = replace(truth, ends=np.zeros((0, 2), int), length_mm=np.zeros(0), u_length_mm=np.zeros(0))
+    without = replace(truth, distances=Distances())
     free = adjust(without, without.labels(NAMES, BOARDS))
     assert np.sqrt(free.covariance[at, at]) == pytest.approx(truth.u_scale, rel=0.01)  # nothing else knows it
     assert bar_only < 0.7 * truth.u_scale

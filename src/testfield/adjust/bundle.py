@@ -1,242 +1,175 @@
 """The bundle adjustment: Gauss-Newton on the reduced normal equations, with analytic derivatives.
 
-Points are eliminated (Schur complement), since each appears only in its own observations; cameras, boards, the scale
-and points tied by distances remain. Whitened residuals make every weight one, so the inverse of the normal matrix is
-the covariance.
+Whitened residuals make every weight one, so the inverse of the normal matrix is the covariance. Levenberg's damping
+only guards the way; at the minimum there is none.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
-from scipy.sparse import csr_matrix
 
+from testfield.adjust.covariance import Covariance
+from testfield.adjust.datum import aligned, open_motions
+from testfield.adjust.linear import Structure, linearise
 from testfield.adjust.network import EXACT_MM, Network
-from testfield.errors import TestfieldError
+from testfield.adjust.normal import Factor, NormalEquations
+from testfield.camera.project import project_unchecked
 
 MOST_STEPS = 60
+NEGLIGIBLE = 1e-7
+"""A last step of less than this, in units of what its unknown's own observations resolve; the error left is its
+square."""
+FIRST_DAMPING = 1e-5
+HUBER = 1.5
+"""Size of a residual in standard deviations beyond which robust estimation lets its weight fall."""
 
 
 @dataclass(frozen=True)
 class Adjustment:
     """An adjusted network.
 
-    `covariance` (P, P) of the reduced unknowns in the order of `Network.labels`; rotations are small turns applied
-    after the pose's rotation, in rad, translations in mm. `residual_px` (m, 2) observed minus predicted; `chi2` and
-    `freedom` of the whole adjustment, priors and distances included; `steps` taken;
-    `converged` whether the last step was negligible.
+    `residual_px` (m, 2) observed minus predicted; `weight` (m,) by which robust estimation multiplied each
+    observation's (ones without it); `chi2` and `freedom` of the whole adjustment, priors and distances included;
+    `steps` taken; `converged` whether the last step was negligible; `cov` every covariance.
     """
 
     network: Network
-    covariance: np.ndarray
+    cov: Covariance
+    equations: NormalEquations
     residual_px: np.ndarray
+    weight: np.ndarray
     chi2: float
     freedom: int
     steps: int
     converged: bool
 
     @property
+    def covariance(self) -> np.ndarray:
+        """(P, P) of the reduced unknowns in the order of `Network.labels`; rotations are small turns applied after the
+        pose's rotation, in rad, translations in mm."""
+        return self.cov.reduced
+
+    @property
     def sigma0(self) -> float:
         """Square root of chi-squared per degree of freedom: 1 where the stated covariances are right."""
         return float(np.sqrt(self.chi2 / self.freedom)) if self.freedom > 0 else float("nan")
 
+    @cached_property
+    def redundancy(self) -> np.ndarray:
+        """(m, 2, 2) redundancy matrices of the whitened observations; their traces sum to the freedom that the images
+        have. Near zero: an error of this observation shows in no residual."""
+        answer = np.empty((len(self.residual_px), 2, 2))
+        for group, predicted in zip(self.equations.structure.groups, self.cov.of_predictions(), strict=True):
+            answer[group.rows] = np.eye(2) - predicted
+        return answer
 
-def adjust(network: Network, labels: list[str]) -> Adjustment:
+
+def adjust(
+    network: Network, labels: list[str], robust: bool = False, datum_points: np.ndarray | None = None
+) -> Adjustment:
     """Adjust a network from its starting values.
 
-    Raises `TestfieldError` where the observations do not determine all unknowns, naming those that are loose.
+    Where nothing holds the datum (or only its scale), it is a free network: the loose `datum_points` (all that are
+    seen, if not given) stay on the whole where they started. `robust` gives residuals beyond `HUBER` standard
+    deviations less weight (Huber 1964). Raises `TestfieldError` where the observations do not determine all unknowns,
+    naming those that are loose.
     """
-    chi2 = _chi2(network)
-    damping, steps = 1e-4, 0
-    system, converged = _System(network), False
+    structure, start = Structure.of(network), network
+    whitening = np.linalg.inv(np.linalg.cholesky(network.cov_px2))
+    weight = _weights(network, whitening) if robust else np.ones(len(network.point))
+    chi2 = _chi2(network, whitening, weight)
+    damping, steps, converged = FIRST_DAMPING, 0, False
+    equations, ways = _equations(network, structure, whitening, weight)
     while steps < MOST_STEPS:
         steps += 1
-        step, point_step = system.solve(damping, labels)
-        trial = network.moved(step, point_step)
-        trial_chi2 = _chi2(trial)
-        if np.isfinite(trial_chi2) and trial_chi2 <= chi2 * (1 + 1e-14) + 1e-20:
-            small = system.relative_size(step)
+        normal, right, inverse = equations.reduced(damping)
+        step = Factor(normal, labels, ways[0]).solve(right)
+        trial = network.moved(step, equations.back_substituted(step, inverse))
+        trial_chi2 = _chi2(trial, whitening, weight)
+        small = equations.relative_size(step)
+        if np.isfinite(trial_chi2) and trial_chi2 <= chi2 * (1 + 1e-13) + 1e-20:
             gain, network, chi2 = chi2 - trial_chi2, trial, trial_chi2
-            damping = damping / 10 if damping > 1e-12 else 0.0
-            system = _System(network)
-            if small < 1e-9 or (gain <= 1e-12 * chi2 and damping == 0 and small < 1e-5):
+            if small < NEGLIGIBLE or (gain <= 1e-13 * chi2 and damping < 1e-9 and small < 1e-5):
                 converged = True
+            damping = damping / 100 if damping > 1e-12 else 0.0
+            if robust:
+                weight = _weights(network, whitening)
+                chi2 = _chi2(network, whitening, weight)
+            if converged:
                 break
-        elif damping > 1e8 or system.relative_size(step) < 1e-9:
+            equations, ways = _equations(network, structure, whitening, weight)
+        elif damping > 1e8 or small < NEGLIGIBLE:
             converged = damping <= 1e8
             break
         else:
-            damping = max(damping * 10, 1e-6)
-    predicted, _ = network.project()
-    freedom = 2 * len(network.xy_px) + len(network.length_mm) + network.scale_free - len(step)
-    priors = int(np.isfinite(network.u_prior_mm[np.unique(network.point)]).sum())
-    freedom += priors - 3 * (len(np.unique(network.point)) - len(network.kept_points))
-    return Adjustment(network, system.covariance(labels), network.xy_px - predicted, chi2, freedom, steps, converged)
+            damping = max(damping * 100, 1e-6)
+    loose = _datum_points(network) if datum_points is None else datum_points
+    if ways[0].shape[1] and len(loose) >= 3:
+        network = aligned(network, start.point_mm[loose], loose, ways[0].shape[1] == 7)
+    equations, ways = _equations(network, structure, whitening, weight)
+    normal, _, own = equations.reduced(0.0)
+    inverse = Factor(normal, labels, ways[0]).solve(np.eye(equations.size))
+    cov = Covariance(network, equations, inverse, own, ways, loose)
+    return Adjustment(
+        network, cov, equations, _residuals(network), weight, chi2, _freedom(network, equations.size, ways[0].shape[1]),
+        steps, converged,
+    )  # fmt: skip
 
 
-def _whitening(cov_px2: np.ndarray) -> np.ndarray:
-    """(m, 2, 2) matrices W with W cov W^T = I."""
-    return np.linalg.inv(np.linalg.cholesky(cov_px2))
+def _equations(
+    network: Network, structure: Structure, whitening: np.ndarray, weight: np.ndarray
+) -> tuple[NormalEquations, tuple[np.ndarray, np.ndarray]]:
+    derivatives = linearise(network, structure, whitening * np.sqrt(weight)[:, None, None])
+    return NormalEquations(network, structure, derivatives), open_motions(network)
 
 
-def _prior_weight(network: Network) -> np.ndarray:
-    """(n, 3) square roots of the priors' weights, 0 where nothing is known."""
-    return 1 / np.maximum(network.u_prior_mm, EXACT_MM)
+def _datum_points(network: Network) -> np.ndarray:
+    seen = network.seen_points
+    return seen[network.point_board[seen] < 0]
 
 
-def _distances(network: Network) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Length residuals, directions (d, 3) from the second end to the first, and weights' square roots."""
-    a, b = network.point_mm[network.ends[:, 0]], network.point_mm[network.ends[:, 1]]
-    length = np.linalg.norm(a - b, axis=1)
-    return (
-        network.length_mm - length,
-        (a - b) / length[:, None],
-        1 / np.maximum(network.u_length_mm, EXACT_MM),
-    )
+def _freedom(network: Network, size: int, open_ways: int) -> int:
+    """Observations and what was known, less unknowns; open motions are no unknowns."""
+    seen, kept = network.seen_points, network.kept_points
+    used = np.union1d(seen, kept)
+    known = int((np.einsum("nii->ni", network.information[used]) > 0).sum())
+    known += sum(int(np.isfinite(c.u[c.unknown]).sum()) for c in network.cameras) + network.scale_free
+    unknowns = size - open_ways + 3 * len(np.setdiff1d(seen, kept))
+    return 2 * len(network.xy_px) + len(network.distances) + known - unknowns
 
 
-def _chi2(network: Network) -> float:
+def predict(network: Network) -> np.ndarray:
+    """(m, 2) predicted pixels of all image observations."""
+    poses = network.camera_from_datum()
+    at_camera = poses[network.image].apply(network.datum_mm()[network.point])
+    predicted = np.empty((len(network.image), 2))
+    camera = network.images.camera[network.image]
+    for k, unknown in enumerate(network.cameras):
+        here = camera == k
+        predicted[here] = project_unchecked(unknown.interior, at_camera[here])
+    return predicted + network.offset_px
+
+
+def _residuals(network: Network) -> np.ndarray:
+    return network.xy_px - predict(network)
+
+
+def _weights(network: Network, whitening: np.ndarray) -> np.ndarray:
+    size = np.linalg.norm(np.einsum("nij,nj->ni", whitening, _residuals(network)), axis=1)
+    return np.minimum(1, HUBER / np.maximum(size, 1e-12))
+
+
+def _chi2(network: Network, whitening: np.ndarray, weight: np.ndarray) -> float:
     with np.errstate(all="ignore"):
-        predicted, _ = network.project()
-        white = np.einsum("nij,nj->ni", _whitening(network.cov_px2), network.xy_px - predicted)
-        used = np.unique(network.point)
-        prior = (_prior_weight(network) * (network.prior_mm - network.point_mm))[used]
-        gap, _, weight = _distances(network)
-        scale = (1 - network.scale) / network.u_scale if network.scale_free else 0.0
-        return float((white**2).sum() + (prior**2).sum() + ((gap * weight) ** 2).sum() + scale**2)
-
-
-class _System:
-    """Normal equations of one linearisation, points still separate."""
-
-    def __init__(self, network: Network):
-        self.network = network
-        m, n = len(network.xy_px), len(network.point_mm)
-        stations, boards, free = len(network.stations), len(network.boards), np.flatnonzero(network.free)
-        kept = network.kept_points
-        self.size = len(free) + 6 * stations + 6 * (boards - 1) + network.scale_free + 3 * len(kept)
-
-        predicted, j = network.project()
-        white = _whitening(network.cov_px2)
-        residual = np.einsum("nij,nj->ni", white, network.xy_px - predicted)
-        by_camera = white @ j.camera_point
-        by_datum = by_camera @ network.stations.R[network.station]
-        board = network.point_board[network.point]
-        on_board = board >= 0
-        rotate = network.boards.R[np.maximum(board, 0)]
-        by_point = np.where(on_board[:, None, None], network.scale * by_datum @ rotate, by_datum)
-
-        # Columns of each observation's derivatives; a column that does not exist goes to one past the end.
-        nowhere = self.size
-        first_board = len(free) + 6 * stations
-        first_kept = first_board + 6 * (boards - 1) + network.scale_free
-        keep_index = np.full(n, -1)
-        keep_index[kept] = np.arange(len(kept))
-        in_kept = keep_index[network.point]
-        blocks = [
-            (white @ j.interior[:, :, free], np.broadcast_to(np.arange(len(free)), (m, len(free)))),
-            (white @ j.rotation, len(free) + 6 * network.station[:, None] + np.arange(3)),
-            (by_camera, len(free) + 6 * network.station[:, None] + 3 + np.arange(3)),
-        ]
-        column = np.where(board > 0, first_board + 6 * (board - 1), nowhere)[:, None]
-        six = np.where(column < nowhere, column + np.arange(6), nowhere)
-        blocks += [(by_datum @ network.lever_matrix(), six[:, :3]), (by_datum, six[:, 3:])]
-        if network.scale_free:
-            by_scale = np.einsum("nij,nj->ni", by_datum, network.lever() / network.scale)[:, :, None]
-            blocks.append((by_scale, np.where(on_board, first_kept - 1, nowhere)[:, None]))
-        three = np.where(in_kept >= 0, first_kept + 3 * in_kept, nowhere)[:, None]
-        blocks.append((by_point, np.where(three < nowhere, three + np.arange(3), nowhere)))
-
-        values = np.concatenate([block for block, _ in blocks], axis=2)
-        columns = np.concatenate([index for _, index in blocks], axis=1)
-        width = columns.shape[1]
-        dense = csr_matrix(
-            (values.ravel(), np.repeat(columns, 2, axis=0).ravel(), np.arange(0, 2 * m * width + 1, width)),
-            shape=(2 * m, self.size + 1),
-        )
-        own = np.where((in_kept < 0)[:, None, None], by_point, 0.0)
-        point_columns = np.repeat(3 * network.point[:, None] + np.arange(3), 2, axis=0)
-        points = csr_matrix((own.ravel(), point_columns.ravel(), np.arange(0, 6 * m + 1, 3)), shape=(2 * m, 3 * n))
-
-        flat = residual.ravel()
-        self.normal = (dense.T @ dense).toarray()[:-1, :-1]
-        self.right = (dense.T @ flat)[:-1]
-        self.across = np.asarray((dense.T @ points).todense())[:-1]
-        blocks3 = np.zeros((n, 3, 3))
-        np.add.at(blocks3, network.point, np.swapaxes(own, 1, 2) @ own)
-        point_right = (points.T @ flat).reshape(n, 3)
-
-        weight = _prior_weight(network)
-        separate = np.ones(n, bool)
-        separate[kept] = False
-        blocks3[:, [0, 1, 2], [0, 1, 2]] += np.where(separate[:, None], weight**2, 0.0)
-        point_right += np.where(separate[:, None], weight**2 * (network.prior_mm - network.point_mm), 0.0)
-        # Points nobody observed, and those kept in the reduced system, stay where they are.
-        idle = ~separate | ~np.isin(np.arange(n), network.point)
-        blocks3[idle] = np.eye(3)
-        point_right[idle] = 0
-        self.point_normal, self.point_right = blocks3, point_right
-
-        for number, point in enumerate(kept):
-            at = first_kept + 3 * number + np.arange(3)
-            self.normal[at, at] += weight[point] ** 2
-            self.right[at] += weight[point] ** 2 * (network.prior_mm - network.point_mm)[point]
-        if network.scale_free:
-            self.normal[first_kept - 1, first_kept - 1] += 1 / network.u_scale**2
-            self.right[first_kept - 1] += (1 - network.scale) / network.u_scale**2
-        gap, direction, sharp = _distances(network)
-        for (a, b), d, g, w in zip(network.ends, direction, gap, sharp, strict=True):
-            row = np.zeros(self.size)
-            row[first_kept + 3 * keep_index[a] : first_kept + 3 * keep_index[a] + 3] = d * w
-            row[first_kept + 3 * keep_index[b] : first_kept + 3 * keep_index[b] + 3] = -d * w
-            self.normal += np.outer(row, row)
-            self.right += row * g * w
-
-    def _reduced(self, damping: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        points = self.point_normal * (1 + damping * np.eye(3))
-        try:
-            inverse = np.linalg.inv(points)
-        except np.linalg.LinAlgError as error:
-            raise TestfieldError("a point is not determined by its observations", do="it needs two stations") from error
-        n = len(points)
-        weighted = np.einsum("pni,nij->pnj", self.across.reshape(self.size, n, 3), inverse).reshape(self.size, 3 * n)
-        normal = self.normal + damping * np.diag(np.diag(self.normal)) - weighted @ self.across.T
-        right = self.right - weighted @ self.point_right.ravel()
-        return normal, right, inverse
-
-    def solve(self, damping: float, labels: list[str]) -> tuple[np.ndarray, np.ndarray]:
-        """Step of the reduced unknowns (P,) and of the points (n, 3)."""
-        normal, right, inverse = self._reduced(damping)
-        step = _Factor(normal, labels).solve(right)
-        point_right = self.point_right - (step @ self.across).reshape(-1, 3)
-        return step, np.einsum("nij,nj->ni", inverse, point_right)
-
-    def covariance(self, labels: list[str]) -> np.ndarray:
-        """(P, P) inverse of the reduced normal matrix."""
-        return _Factor(self._reduced(0.0)[0], labels).solve(np.eye(self.size))
-
-    def relative_size(self, step: np.ndarray) -> float:
-        """The largest step in units of what its unknown's own observations resolve."""
-        return float(np.abs(step * np.sqrt(np.diag(self.normal))).max())
-
-
-class _Factor:
-    """Cholesky factor of a normal matrix at unit diagonal; a singular one is an error that names its unknowns."""
-
-    def __init__(self, normal: np.ndarray, labels: list[str]):
-        self.scale = 1 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
-        unit = normal * self.scale[:, None] * self.scale[None, :]
-        try:
-            self.factor = cho_factor(unit)
-        except np.linalg.LinAlgError as error:
-            values, vectors = np.linalg.eigh(unit)
-            weak = np.abs(vectors[:, values < 1e-12]).max(axis=1, initial=0)
-            named = [labels[k] for k in np.argsort(-weak)[:6] if weak[k] > 0.1]
-            raise TestfieldError(
-                f"the observations do not determine {', '.join(named) or 'all unknowns'}",
-                do="add stations with other directions and roll, or hold a lens parameter (measure.hold)",
-            ) from error
-
-    def solve(self, right: np.ndarray) -> np.ndarray:
-        scale = self.scale if right.ndim == 1 else self.scale[:, None]
-        return scale * cho_solve(self.factor, scale * right)
+        white = np.einsum("nij,nj->ni", whitening, _residuals(network))
+        used = np.union1d(network.seen_points, network.kept_points)
+        off = (network.known_mm - network.point_mm)[used]
+        total = (weight[:, None] * white**2).sum() + np.einsum("ni,nij,nj->", off, network.information[used], off)
+        for c in network.cameras:
+            total += ((((c.known - c.interior.parameters) / c.u)[c.unknown]) ** 2).sum()
+        at = network.datum_mm(network.distances.ends.ravel()).reshape(-1, 2, 3)
+        gap = network.distances.length_mm - np.linalg.norm(at[:, 0] - at[:, 1], axis=1)
+        total += ((gap / np.maximum(network.distances.u_mm, EXACT_MM)) ** 2).sum()
+        total += ((1 - network.scale) / network.u_scale) ** 2 if network.scale_free else 0.0
+        return float(total)

@@ -1,72 +1,141 @@
 """What the bundle adjusts: unknowns with their starting values, and everything that was observed."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from testfield.camera.interior import Interior
-from testfield.camera.pose import Poses, cross_matrix, rotation
-from testfield.camera.project import ProjectionJacobian, project_with_jacobian
+from testfield.camera.pose import Poses, rotation
 
 EXACT_MM = 1e-6
 """A coordinate or a length that is said to be exact is held with this standard deviation."""
+FREE = np.eye(6)
+HELD = np.zeros((6, 0))
+"""Ways a pose may move: columns (6, k) of small turns (rad) after its rotation, then shifts (mm)."""
+
+
+def on_plane(normal: np.ndarray) -> np.ndarray:
+    """The three ways (6, 3) of a pose that stays on a plane with unit `normal` (3,): a turn about it, shifts within."""
+    across = np.linalg.svd(normal[None, :])[2][1:]
+    ways = np.zeros((6, 3))
+    ways[:3, 0] = normal
+    ways[3:, 1:] = across.T
+    return ways
+
+
+@dataclass(frozen=True)
+class Camera:
+    """An interior orientation as an unknown: `known` (p,) is what was known before with standard deviations `u` (p,):
+    0 holds a parameter, infinity leaves it free, anything between is a prior."""
+
+    interior: Interior
+    u: np.ndarray
+    known: np.ndarray
+
+    @staticmethod
+    def of(interior: Interior, free: np.ndarray | None = None) -> "Camera":
+        """A camera of which the parameters in the mask `free` (p,) are unknown (all of them, if not given)."""
+        mask = np.ones(len(interior.parameters), bool) if free is None else free
+        return Camera(interior, np.where(mask, np.inf, 0.0), interior.parameters)
+
+    @property
+    def unknown(self) -> np.ndarray:
+        """(p,) which parameters are adjusted."""
+        return self.u > 0
+
+
+@dataclass(frozen=True)
+class Images:
+    """I images: each was taken at station `station` (I,) by camera `camera` (I,), which is member `member` (I,) of a rig
+    (0 for a camera that is alone)."""
+
+    station: np.ndarray
+    camera: np.ndarray
+    member: np.ndarray
+
+    @staticmethod
+    def one_camera(stations: int) -> "Images":
+        """One image a station, all by camera 0."""
+        return Images(np.arange(stations), np.zeros(stations, int), np.zeros(stations, int))
+
+
+@dataclass(frozen=True)
+class Distances:
+    """d distances between points `ends` (d, 2), of `length_mm` (d,) with standard deviations `u_mm` (d,)."""
+
+    ends: np.ndarray = field(default_factory=lambda: np.zeros((0, 2), int))
+    length_mm: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    u_mm: np.ndarray = field(default_factory=lambda: np.zeros(0))
+
+    def __len__(self) -> int:
+        return len(self.ends)
 
 
 @dataclass(frozen=True)
 class Network:
-    """Unknowns and observations of one adjustment, in the frame of board 0, which is the datum.
+    """Unknowns and observations of one adjustment.
 
-    Unknowns: `interior` where `free` says so; camera-from-datum poses `stations` (S); datum-from-board poses
-    `boards` (B), the first held at identity; one `scale` of all boards with prior 1 +- `u_scale` (0: held);
-    `point_mm` (n, 3) in the frame of board `point_board` (n,), or in the datum frame where that is -1, with prior
-    `prior_mm` and standard deviations `u_prior_mm` (n, 3), infinite where nothing is known.
+    Unknowns: `cameras`; station-from-datum poses `stations` (S); `members` (R), camera-from-station poses of a rig's
+    cameras, of which member 0 is the station itself; datum-from-board poses `boards` (B), which move in their `ways`;
+    one `scale` of all boards with prior 1 +- `u_scale` (0: held); `point_mm` (n, 3) in the frame of board
+    `point_board` (n,), or in the datum frame where that is -1. `known_mm` (n, 3) with `information` (n, 3, 3), an
+    inverse covariance, is what was known of them before; zeros: nothing.
 
-    Observations: `xy_px` (m, 2) with `cov_px2` (m, 2, 2) of point `point` (m,) in station `station` (m,);
-    `offset_px` (m, 2) is what the image of a disc adds to the projection of its centre. Distances between points
-    `ends` (d, 2), which lie in the datum frame, of `length_mm` (d,) with `u_length_mm` (d,).
+    Observations: `xy_px` (m, 2) with `cov_px2` (m, 2, 2) of point `point` (m,) in image `image` (m,) of `images`;
+    `offset_px` (m, 2) is what the image of a disc adds to the projection of its centre. `distances`.
     """
 
-    interior: Interior
-    free: np.ndarray
+    cameras: tuple[Camera, ...]
     stations: Poses
+    images: Images
     boards: Poses
-    scale: float
-    u_scale: float
+    ways: tuple[np.ndarray, ...]
     point_mm: np.ndarray
     point_board: np.ndarray
-    prior_mm: np.ndarray
-    u_prior_mm: np.ndarray
-    station: np.ndarray
+    known_mm: np.ndarray
+    information: np.ndarray
+    image: np.ndarray
     point: np.ndarray
     xy_px: np.ndarray
     cov_px2: np.ndarray
     offset_px: np.ndarray
-    ends: np.ndarray
-    length_mm: np.ndarray
-    u_length_mm: np.ndarray
+    distances: Distances = Distances()
+    scale: float = 1.0
+    u_scale: float = 0.0
+    members: Poses = field(default_factory=lambda: Poses.identity(1))
+
+    @property
+    def interior(self) -> Interior:
+        """The first camera's interior orientation: the only one of most jobs."""
+        return self.cameras[0].interior
 
     @property
     def kept_points(self) -> np.ndarray:
         """Points that distances tie together; they stay in the reduced system."""
-        return np.unique(self.ends)
+        return np.unique(self.distances.ends)
+
+    @property
+    def seen_points(self) -> np.ndarray:
+        """Points that appear in an image."""
+        return np.unique(self.point)
 
     @property
     def scale_free(self) -> bool:
         """Whether the boards' common scale is an unknown."""
         return self.u_scale > 0
 
-    def labels(self, station_names: tuple[str, ...], board_names: tuple[str, ...]) -> list[str]:
-        """A name for each unknown of the reduced system, in its order."""
-        axes = ("rx", "ry", "rz", "tx", "ty", "tz")
-        named = [name for name, free in zip(self.interior.names, self.free, strict=True) if free]
-        named += [f"station:{s}.{axis}" for s in station_names for axis in axes]
-        named += [f"board:{b}.{axis}" for b in board_names[1:] for axis in axes]
-        named += ["scale"] if self.scale_free else []
-        return named + [f"point{k}.{axis}" for k in self.kept_points for axis in "xyz"]
+    def camera_from_datum(self) -> Poses:
+        """Poses (I) of all images."""
+        at_station = self.stations[self.images.station]
+        if len(self.members) == 1:
+            return at_station
+        return self.members[self.images.member].after(at_station)
 
     def datum_mm(self, points: np.ndarray | slice = slice(None)) -> np.ndarray:
         """Positions (k, 3) of points in the datum frame."""
         local, board = self.point_mm[points], self.point_board[points]
+        if not len(self.boards):
+            return local
         moved = self.boards[np.maximum(board, 0)].apply(self.scale * local)
         return np.where((board >= 0)[:, None], moved, local)
 
@@ -75,48 +144,90 @@ class Network:
         z = self.boards.R[np.maximum(self.point_board, 0)][:, :, 2]
         return np.where((self.point_board >= 0)[:, None], z, np.nan)
 
-    def moved(self, step: np.ndarray, point_step: np.ndarray) -> "Network":
-        """The network after a step (P,) of the reduced unknowns and (n, 3) of the points that are not among them."""
-        s, b, f = len(self.stations), len(self.boards), int(self.free.sum())
-        parameters = self.interior.parameters.copy()
-        parameters[self.free] += step[:f]
-        at = f
-        stations = _turned(self.stations, step[at : at + 6 * s].reshape(s, 6))
-        at += 6 * s
-        boards = _turned(self.boards, np.vstack([np.zeros((1, 6)), step[at : at + 6 * (b - 1)].reshape(b - 1, 6)]))
-        at += 6 * (b - 1)
-        scale = self.scale
-        if self.scale_free:
-            scale += step[at]
-            at += 1
-        points = self.point_mm + point_step
-        points[self.kept_points] += step[at:].reshape(-1, 3)
-        return replace(
-            self, interior=self.interior.with_parameters(parameters), stations=stations, boards=boards,
-            scale=float(scale), point_mm=points,
-        )  # fmt: skip
-
     def take(self, rows: np.ndarray) -> "Network":
         """The network with only these image observations."""
         return replace(
-            self, station=self.station[rows], point=self.point[rows], xy_px=self.xy_px[rows],
+            self, image=self.image[rows], point=self.point[rows], xy_px=self.xy_px[rows],
             cov_px2=self.cov_px2[rows], offset_px=self.offset_px[rows],
         )  # fmt: skip
 
-    def project(self) -> tuple[np.ndarray, ProjectionJacobian]:
-        """Predicted pixels (m, 2) of all image observations, with the projection's derivatives."""
-        uv, jacobian = project_with_jacobian(self.interior, self.stations[self.station], self.datum_mm()[self.point])
-        return uv + self.offset_px, jacobian
+    def moved(self, step: np.ndarray, point_step: np.ndarray) -> "Network":
+        """The network after a step (P,) of the reduced unknowns and (n, 3) of the points that are not among them."""
+        at = Layout.of(self)
+        cameras = []
+        for k, camera in enumerate(self.cameras):
+            parameters = camera.interior.parameters.copy()
+            parameters[camera.unknown] += step[at.camera[k] : at.camera[k + 1]]
+            cameras.append(replace(camera, interior=camera.interior.with_parameters(parameters)))
+        free = [ways @ step[at.board[b] : at.board[b + 1]] for b, ways in enumerate(self.ways)]
+        members = np.vstack([np.zeros((1, 6)), step[at.member : at.board[0]].reshape(-1, 6)])
+        points = self.point_mm + point_step
+        points[self.kept_points] += step[at.kept :].reshape(-1, 3)
+        return replace(
+            self, cameras=tuple(cameras), stations=_turned(self.stations, step[at.station : at.member].reshape(-1, 6)),
+            members=_turned(self.members, members), boards=_turned(self.boards, np.array(free).reshape(-1, 6)),
+            scale=self.scale + float(step[at.scale]) if self.scale_free else self.scale, point_mm=points,
+        )  # fmt: skip
 
-    def lever(self) -> np.ndarray:
-        """(m, 3) board-rotated, scaled point of each observation: what a turn of its board acts on."""
-        board = np.maximum(self.point_board[self.point], 0)
-        return self.scale * np.einsum("nij,nj->ni", self.boards.R[board], self.point_mm[self.point])
+    def labels(
+        self,
+        station_names: tuple[str, ...],
+        board_names: tuple[str, ...] = (),
+        camera_names: tuple[str, ...] = (),
+        point_names: tuple[str, ...] | None = None,
+    ) -> list[str]:
+        """A name for each unknown of the reduced system, in its order; those of several cameras begin with theirs."""
+        axes = ("rx", "ry", "rz", "tx", "ty", "tz")
+        named = []
+        for k, camera in enumerate(self.cameras):
+            prefix = f"camera:{camera_names[k] if camera_names else k}." if len(self.cameras) > 1 else ""
+            own = zip(camera.interior.names, camera.unknown, strict=True)
+            named += [prefix + name for name, unknown in own if unknown]
+        named += [f"station:{s}.{axis}" for s in station_names for axis in axes]
+        named += [f"member:{k}.{axis}" for k in range(1, len(self.members)) for axis in axes]
+        for b, ways in zip(board_names, self.ways, strict=True):
+            named += [f"board:{b}.{_way(axes, way, k)}" for k, way in enumerate(ways.T)]
+        named += ["scale"] if self.scale_free else []
+        names = point_names or tuple(f"point{k}" for k in range(len(self.point_mm)))
+        return named + [f"{names[k]}.{axis}" for k in self.kept_points for axis in "xyz"]
 
-    def lever_matrix(self) -> np.ndarray:
-        """(m, 3, 3) derivative of each observation's datum point by a turn of its board."""
-        return -cross_matrix(self.lever())
+
+@dataclass(frozen=True)
+class Layout:
+    """Where the reduced system's unknowns begin: each camera's (K + 1,), the stations', the rig members', each board's
+    (B + 1,), the scale, the kept points'; and how many there are."""
+
+    camera: np.ndarray
+    station: int
+    member: int
+    board: np.ndarray
+    scale: int
+    kept: int
+    size: int
+
+    @staticmethod
+    def of(network: Network) -> "Layout":
+        """The layout of a network."""
+        camera = np.cumsum([0, *(int(c.unknown.sum()) for c in network.cameras)])
+        station = int(camera[-1])
+        member = station + 6 * len(network.stations)
+        first_board = member + 6 * (len(network.members) - 1)
+        board = first_board + np.cumsum([0, *(ways.shape[1] for ways in network.ways)])
+        scale = int(board[-1])
+        kept = scale + network.scale_free
+        return Layout(camera, station, member, board, scale, kept, kept + 3 * len(network.kept_points))
+
+
+def information_of(u_mm: np.ndarray) -> np.ndarray:
+    """(n, 3, 3) inverse covariances of coordinates with standard deviations (n, 3): infinite ones tell nothing, and
+    those of zero are held."""
+    return (1 / np.maximum(u_mm, EXACT_MM) ** 2)[:, :, None] * np.eye(3)
 
 
 def _turned(poses: Poses, step: np.ndarray) -> Poses:
     return Poses(rotation(step[:, :3]) @ poses.R, poses.t_mm + step[:, 3:])
+
+
+def _way(axes: tuple[str, ...], way: np.ndarray, k: int) -> str:
+    """The axis a way moves along, or its number where it is none of them alone."""
+    return axes[int(np.argmax(np.abs(way)))] if np.count_nonzero(np.abs(way) > 1e-12) == 1 else f"way{k}"

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from testfield.adjust.network import Network
+from testfield.adjust.network import FREE, HELD, Camera, Distances, Images, Network, information_of
 from testfield.calibrate.graph import spanning_poses
 from testfield.calibrate.homography import focal_length, plane_homography, plane_pose
 from testfield.camera.interior import Interior
@@ -117,10 +117,10 @@ def starting_network(
     number = np.full(len(rows.stations), -1)
     number[stations] = np.arange(len(stations))
     network = Network(
-        interior, free, station_poses[stations],
-        board_poses[np.flatnonzero(has_board)], 1.0, field.u_scale,
-        local, owner, local, u, number[rows.station[used]], point[used], rows.xy_px[used], rows.cov_px2[used],
-        np.zeros((len(used), 2)), bars.ends, bars.length_mm, bars.u_length_mm,
+        (Camera.of(interior, free),), station_poses[stations], Images.one_camera(len(stations)),
+        board_poses[np.flatnonzero(has_board)], (HELD, *[FREE] * (len(boards) - 1)),
+        local, owner, local, information_of(u), number[rows.station[used]], point[used], rows.xy_px[used],
+        rows.cov_px2[used], np.zeros((len(used), 2)), bars.distances, 1.0, field.u_scale,
     )  # fmt: skip
     graph = tuple(
         (rows.stations[s], field.boards[b].name, int(n))
@@ -186,12 +186,10 @@ def _board_points(field: Field, boards: np.ndarray) -> _BoardPoints:
 
 @dataclass(frozen=True)
 class _Bars:
-    """Control bars: observations of each end by its point number, the ends' pairs, lengths, radii of the ends."""
+    """Control bars: observations of each end by its point number, the distances, radii of the ends."""
 
     seen: dict[int, np.ndarray]
-    ends: np.ndarray
-    length_mm: np.ndarray
-    u_length_mm: np.ndarray
+    distances: Distances
     radius: np.ndarray
 
 
@@ -213,10 +211,5 @@ def _control_bars(rows: Observations, field: Field, usable: np.ndarray, first: i
         radius += [field.loose[code] / 2 for code in bar.codes]
     if not ends:
         notes.append("no control bar: the scale is that of the boards' sheets")
-    return _Bars(
-        seen,
-        np.array(ends, int).reshape(-1, 2),
-        np.array(lengths, float),
-        np.array(u_lengths, float),
-        np.array(radius, float),
-    )
+    distances = Distances(np.array(ends, int).reshape(-1, 2), np.array(lengths, float), np.array(u_lengths, float))
+    return _Bars(seen, distances, np.array(radius, float))

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from testfield.adjust.bundle import Adjustment, adjust
-from testfield.adjust.network import Network
+from testfield.adjust.network import Camera, Distances, Network, information_of
 from testfield.adjust.normals import target_normal
 from testfield.calibrate.calibration import Calibration
 from testfield.calibrate.start import Start, starting_network
@@ -82,11 +82,11 @@ class _Discs:
         normals = network.normals()
         for k in np.flatnonzero(network.point_board < 0):
             v = np.flatnonzero(network.point == k)
-            poses = network.stations[network.station[v]]
+            poses = network.stations[network.image[v]]
             normals[k] = target_normal(
                 network.interior, poses, network.point_mm[k], self.radius_mm[k], self.moments_px2[v]
             )
-        poses, centre = network.stations[network.station], network.datum_mm()[network.point]
+        poses, centre = network.stations[network.image], network.datum_mm()[network.point]
         image = disc_image(network.interior, poses, centre, normals[network.point], self.radius_mm[network.point])
         return image.centroid_px - project(network.interior, poses, centre)
 
@@ -113,7 +113,7 @@ def _settle(network: Network, discs: _Discs | None, start: Start) -> tuple[Adjus
         for k in np.flatnonzero(bad):
             owner = network.point_board[network.point[k]]
             board = start.boards[owner] if owner >= 0 else ""
-            rejected.append(_record(start.stations[network.station[k]], board, network.xy_px[k], size[k]))
+            rejected.append(_record(start.stations[network.image[k]], board, network.xy_px[k], size[k]))
         network, discs = network.take(~bad), discs.take(~bad) if discs else None
     adjustment = adjust(network, labels)
     return adjustment, rejected, ["the rejection of outliers had not come to rest", *_doubts(adjustment)]
@@ -125,13 +125,13 @@ def _doubts(adjustment: Adjustment) -> list[str]:
 
 def _coarse(network: Network) -> Network:
     """The first adjustment: boards as on their sheets, a one-parameter lens, weights that forgive."""
-    free = network.free & np.array([name in ("fx", "fy", "k1") for name in network.interior.names])
+    free = network.cameras[0].unknown & np.array([name in ("fx", "fy", "k1") for name in network.interior.names])
     on_boards = network.point_board[network.point] >= 0
     coarse = network.take(on_boards)
     return replace(
-        coarse, free=free, u_scale=0.0, u_prior_mm=np.zeros_like(network.u_prior_mm),
-        cov_px2=np.broadcast_to(np.eye(2), coarse.cov_px2.shape).copy(),
-        ends=np.zeros((0, 2), int), length_mm=np.zeros(0), u_length_mm=np.zeros(0),
+        coarse, cameras=(Camera.of(network.interior, free),), u_scale=0.0,
+        information=information_of(np.zeros_like(network.known_mm)),
+        cov_px2=np.broadcast_to(np.eye(2), coarse.cov_px2.shape).copy(), distances=Distances(),
     )  # fmt: skip
 
 
@@ -140,8 +140,9 @@ def _refined(network: Network, coarse: Network) -> Network:
     points = network.point_mm.copy()
     for k in np.flatnonzero(network.point_board < 0):
         v = np.flatnonzero(network.point == k)
-        points[k] = meet(coarse.interior, coarse.stations[network.station[v]], network.xy_px[v])
-    return replace(network, interior=coarse.interior, stations=coarse.stations, boards=coarse.boards, point_mm=points)
+        points[k] = meet(coarse.interior, coarse.stations[network.image[v]], network.xy_px[v])
+    cameras = (replace(network.cameras[0], interior=coarse.interior),)
+    return replace(network, cameras=cameras, stations=coarse.stations, boards=coarse.boards, point_mm=points)
 
 
 def _residual_sizes(adjustment: Adjustment) -> np.ndarray:

@@ -42,14 +42,19 @@ class ProjectionJacobian:
     rotation: np.ndarray
 
 
-def project_with_jacobian(
-    interior: Interior, poses: Poses, xyz_mm: np.ndarray
-) -> tuple[np.ndarray, ProjectionJacobian]:
-    """Pixels and their derivatives, without the domain check of `project`: for points known to be in view."""
-    rotated = np.einsum("nij,nj->ni", poses.R, xyz_mm)
-    camera = rotated + poses.t_mm
-    z = camera[:, 2]
-    xy = camera[:, :2] / z[:, None]
+def project_unchecked(interior: Interior, camera_mm: np.ndarray) -> np.ndarray:
+    """Pixels (n, 2) of points (n, 3) in the camera frame, without the domain check of `project` and without a residual
+    field: what an adjustment predicts."""
+    xy = camera_mm[:, :2] / camera_mm[:, 2:]
+    distorted = lens.distort(interior.lens, xy, interior.parameters[4:])
+    return distorted * interior.parameters[:2] + interior.parameters[2:4]
+
+
+def camera_jacobian(interior: Interior, camera_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Pixels (n, 2) of points (n, 3) in the camera frame, their derivatives (n, 2, p) by the interior orientation's
+    parameters and (n, 2, 3) by the points; without the domain check of `project`: for points known to be in view."""
+    z = camera_mm[:, 2]
+    xy = camera_mm[:, :2] / z[:, None]
     c, focal = interior.parameters[4:], interior.parameters[:2]
     distorted = lens.distort(interior.lens, xy, c)
     uv = distorted * focal + interior.parameters[2:4]
@@ -59,10 +64,17 @@ def project_with_jacobian(
     by_interior[:, 0, 2] = by_interior[:, 1, 3] = 1.0
     by_interior[:, :, 4:] = focal[:, None] * interior.lens.by_coefficients(xy, c)
 
-    normalised = np.zeros((len(uv), 2, 3))
-    normalised[:, 0, 0] = normalised[:, 1, 1] = 1 / z
-    normalised[:, :, 2] = -xy / z[:, None]
-    by_camera = focal[:, None] * (lens.jacobian_xy(interior.lens, xy, c) @ normalised)
+    by_xy = lens.jacobian_xy(interior.lens, xy, c) * (focal[:, None] / z[:, None, None])
+    along = -(by_xy * xy[:, None, :]).sum(axis=2, keepdims=True)
+    return uv, by_interior, np.concatenate([by_xy, along], axis=2)
+
+
+def project_with_jacobian(
+    interior: Interior, poses: Poses, xyz_mm: np.ndarray
+) -> tuple[np.ndarray, ProjectionJacobian]:
+    """Pixels and their derivatives, without the domain check of `project`: for points known to be in view."""
+    rotated = np.einsum("nij,nj->ni", poses.R, xyz_mm)
+    uv, by_interior, by_camera = camera_jacobian(interior, rotated + poses.t_mm)
     return uv, ProjectionJacobian(by_interior, by_camera, -by_camera @ cross_matrix(rotated))
 
 
