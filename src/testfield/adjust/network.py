@@ -46,8 +46,8 @@ class Camera:
 
 @dataclass(frozen=True)
 class Images:
-    """I images: each was taken at station `station` (I,) by camera `camera` (I,), which is member `member` (I,) of a rig
-    (0 for a camera that is alone)."""
+    """I images: each was taken at station `station` (I,) by camera `camera` (I,), which is member `member` (I,) of a
+    rig (0 for a camera that is alone)."""
 
     station: np.ndarray
     camera: np.ndarray

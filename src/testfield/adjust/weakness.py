@@ -1,0 +1,33 @@
+"""Unknowns that the observations hardly determine, by name."""
+
+import numpy as np
+
+WEAK = 1e-6
+"""Eigenvalue of the reduced normal matrix at unit diagonal below which a combination of unknowns is hardly known: its
+uncertainty is a thousand times what it would be if all others were known."""
+CORRELATED = 0.98
+NAMED = 0.25
+"""Share of a weak combination from which an unknown is named."""
+
+
+def weak_unknowns(covariance: np.ndarray, labels: list[str]) -> list[str]:
+    """Sentences on weak combinations in a covariance (P, P) of the unknowns `labels`, weakest first."""
+    normal = np.linalg.inv(covariance)
+    scale = 1 / np.sqrt(np.diag(normal))
+    values, vectors = np.linalg.eigh(normal * scale[:, None] * scale)
+    notes = []
+    for k in np.flatnonzero(values < WEAK):
+        share = np.abs(vectors[:, k])
+        named = [labels[i] for i in np.argsort(-share)[:6] if share[i] > NAMED * share.max()]
+        factor = 1 / np.sqrt(max(values[k], 1e-300))
+        notes.append(f"hardly determined together: {', '.join(named)} ({factor:.0f} times less than each alone)")
+    return notes
+
+
+def strong_correlations(covariance: np.ndarray, labels: list[str]) -> list[tuple[str, str, float]]:
+    """Pairs of unknowns whose correlation exceeds `CORRELATED` in size, strongest first."""
+    sigma = np.sqrt(np.diag(covariance))
+    correlation = covariance / sigma[:, None] / sigma
+    a, b = np.nonzero(np.triu(np.abs(correlation) > CORRELATED, 1))
+    order = np.argsort(-np.abs(correlation[a, b]))
+    return [(labels[a[k]], labels[b[k]], float(correlation[a[k], b[k]])) for k in order]
