@@ -6,10 +6,11 @@ x - H K x_J, where K makes the chosen points J stand still on the whole.
 """
 
 import numpy as np
+from scipy.linalg.blas import dsyr2k, dsyrk
 
 from testfield.adjust.linear import Structure
 from testfield.adjust.network import Network
-from testfield.adjust.normal import NormalEquations
+from testfield.adjust.normal import NormalEquations, mirrored
 
 
 class Covariance:
@@ -75,17 +76,16 @@ class Covariance:
         """(3k, 3k) joint covariance of k points in mm^2."""
         own, y = self._rows(points)
         flat, k = y.reshape(-1, self._equations.size), len(points)
-        # Y A Y^T as a symmetric product of half the work.
-        half = flat @ np.linalg.cholesky(self._inverse)
-        answer = half @ half.T
-        blocks = answer.reshape(k, 3, k, 3)
-        blocks[np.arange(k), :, np.arange(k)] += own
+        # Symmetric products: half the work.
+        half = np.asfortranarray((flat @ np.linalg.cholesky(self._inverse)).T)
+        answer = dsyrk(1.0, half, trans=True)
         if self._by_reduced.shape[1]:
             H = self._by_point[points].reshape(3 * k, -1)
-            T = self._motion(points, own, flat)
-            change = H @ (0.5 * self._E @ H.T - T)
-            answer += change
-            answer += change.T
+            change = 0.5 * H @ self._E - self._motion(points, own, flat).T
+            answer = dsyr2k(1.0, H, change, beta=1.0, c=answer, overwrite_c=True)
+        answer = mirrored(answer).T
+        blocks = answer.reshape(k, 3, k, 3)
+        blocks[np.arange(k), :, np.arange(k)] += own
         return answer
 
     def across(self, points: np.ndarray) -> np.ndarray:

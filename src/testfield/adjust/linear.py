@@ -2,6 +2,7 @@
 unknowns they depend on, so that every group is a few dense matrices."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -23,6 +24,12 @@ class Group:
     points: np.ndarray
     columns: np.ndarray
     kept: bool
+
+    @cached_property
+    def column_runs(self) -> list[slice]:
+        """The columns as runs of neighbours, in order."""
+        edges = np.flatnonzero(np.diff(self.columns) != 1) + 1
+        return [slice(int(run[0]), int(run[-1]) + 1) for run in np.split(self.columns, edges) if len(run)]
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
 """What the bundle adjusts: unknowns with their starting values, and everything that was observed."""
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -109,12 +110,12 @@ class Network:
         """The first camera's interior orientation: the only one of most jobs."""
         return self.cameras[0].interior
 
-    @property
+    @cached_property
     def kept_points(self) -> np.ndarray:
         """Points that distances tie together; they stay in the reduced system."""
         return np.unique(self.distances.ends)
 
-    @property
+    @cached_property
     def seen_points(self) -> np.ndarray:
         """Points that appear in an image."""
         return np.unique(self.point)
