@@ -64,8 +64,7 @@ def solve_with_ceres(network: Network) -> CeresResult:
     begin = perf_counter()
     summary = adjuster.solve()
     seconds = perf_counter() - begin
+    ceres = summary.ceres_summary  # type: ignore[attr-defined]
     points = np.array([rebuilt.point3D(number).xyz for number in numbers])
-    return CeresResult(
-        2 * summary.ceres_summary.final_cost if hasattr(summary, "ceres_summary") else 2 * summary.final_cost,
-        seconds, 0, points, np.array(rebuilt.camera(1).params),
-    )  # fmt: skip
+    steps = int(ceres.num_successful_steps)
+    return CeresResult(2 * ceres.final_cost, seconds, steps, points, np.array(rebuilt.camera(1).params))
