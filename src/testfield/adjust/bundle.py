@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from testfield.adjust.covariance import Covariance
 from testfield.adjust.datum import aligned, open_motions
@@ -17,9 +18,9 @@ from testfield.adjust.normal import Factor, NormalEquations
 from testfield.camera.project import project_unchecked
 
 MOST_STEPS = 60
-NEGLIGIBLE = 1e-7
-"""A last step of less than this, in units of what its unknown's own observations resolve; the error left is its
-square."""
+NEGLIGIBLE = 1e-2
+"""A step of less than this, in units of what its unknown's own observations resolve, is the last but one: the error it
+leaves is about its square, and of that the last step leaves the square again."""
 FIRST_DAMPING = 1e-5
 HUBER = 1.5
 """Size of a residual in standard deviations beyond which robust estimation lets its weight fall."""
@@ -75,6 +76,11 @@ def adjust(
     deviations less weight (Huber 1964). Raises `TestfieldError` where the observations do not determine all unknowns,
     naming those that are loose.
     """
+    with threadpool_limits(1, "blas"):  # many small products: BLAS' own threads would only wait for each other
+        return _adjust(network, labels, robust, datum_points)
+
+
+def _adjust(network: Network, labels: list[str], robust: bool, datum_points: np.ndarray | None) -> Adjustment:
     structure, start = Structure.of(network), network
     whitening = np.linalg.inv(np.linalg.cholesky(network.cov_px2))
     weight = _weights(network, whitening) if robust else np.ones(len(network.point))
@@ -88,32 +94,36 @@ def adjust(
         trial = network.moved(step, equations.back_substituted(step, inverse))
         trial_chi2 = _chi2(trial, whitening, weight)
         small = equations.relative_size(step)
-        if np.isfinite(trial_chi2) and trial_chi2 <= chi2 * (1 + 1e-13) + 1e-20:
-            gain, network, chi2 = chi2 - trial_chi2, trial, trial_chi2
-            if small < NEGLIGIBLE or (gain <= 1e-13 * chi2 and damping < 1e-9 and small < 1e-5):
+        if np.isfinite(trial_chi2) and trial_chi2 <= chi2 * (1 + 1e-12) + 1e-18:
+            network, chi2 = trial, trial_chi2
+            if small < NEGLIGIBLE and damping < 1e-8:
                 converged = True
+                break
             damping = damping / 100 if damping > 1e-12 else 0.0
             if robust:
                 weight = _weights(network, whitening)
                 chi2 = _chi2(network, whitening, weight)
-            if converged:
-                break
             equations, ways = _equations(network, structure, whitening, weight)
         elif damping > 1e8 or small < NEGLIGIBLE:
             converged = damping <= 1e8
             break
         else:
             damping = max(damping * 100, 1e-6)
+    # The equations at the minimum give the covariance, and with it a last step.
     loose = _datum_points(network) if datum_points is None else datum_points
-    if ways[0].shape[1] and len(loose) >= 3:
-        network = aligned(network, start.point_mm[loose], loose, ways[0].shape[1] == 7)
+    free = ways[0].shape[1] if len(loose) >= 3 else 0
+    network = aligned(network, start.point_mm[loose], loose, free == 7) if free else network
     equations, ways = _equations(network, structure, whitening, weight)
-    normal, _, own = equations.reduced(0.0)
+    normal, right, own = equations.reduced(0.0)
     inverse = Factor(normal, labels, ways[0]).solve(np.eye(equations.size))
+    if converged:
+        step = inverse @ right
+        network = network.moved(step, equations.back_substituted(step, own))
+        network = aligned(network, start.point_mm[loose], loose, free == 7) if free else network
     cov = Covariance(network, equations, inverse, own, ways, loose)
     return Adjustment(
-        network, cov, equations, _residuals(network), weight, chi2, _freedom(network, equations.size, ways[0].shape[1]),
-        steps, converged,
+        network, cov, equations, _residuals(network), weight, _chi2(network, whitening, weight),
+        _freedom(network, equations.size, ways[0].shape[1]), steps, converged,
     )  # fmt: skip
 
 

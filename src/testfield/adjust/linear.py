@@ -1,6 +1,8 @@
 """One linearisation of a network: whitened residuals and their derivatives, in groups of observations that share the
 unknowns they depend on, so that every group is a few dense matrices."""
 
+import os
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -9,6 +11,10 @@ from scipy.sparse import csr_matrix
 
 from testfield.adjust.network import Layout, Network
 from testfield.camera.project import camera_jacobian
+
+BATCH_ROWS = 4096
+"""Observations that are linearised together: few enough to stay in a core's cache."""
+THREADS = min(os.cpu_count() or 1, 8)
 
 
 @dataclass(frozen=True)
@@ -35,11 +41,14 @@ class Group:
 @dataclass(frozen=True)
 class Derivatives:
     """Of one group, whitened: `by_unknown` (k, 2, p), `by_point` (k, 2, 3), which is zero for kept points, and
-    `residual` (k, 2), observed minus predicted."""
+    `residual` (k, 2), observed minus predicted; `point_normal` (k, 3, 3) and `point_right` (k, 3) are what each
+    observation adds to its point's normal equations."""
 
     by_unknown: np.ndarray
     by_point: np.ndarray
     residual: np.ndarray
+    point_normal: np.ndarray
+    point_right: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -109,12 +118,15 @@ def _columns(network: Network, layout: Layout, image: int, board: int) -> np.nda
 
 def linearise(network: Network, structure: Structure, whitening: np.ndarray) -> list[Derivatives]:
     """Derivatives of every group; `whitening` (m, 2, 2) maps residuals in px to such of unit covariance."""
-    answer = []
-    cameras = np.array([group.camera for group in structure.groups], int)
-    for camera in np.unique(cameras):
-        groups = [structure.groups[k] for k in np.flatnonzero(cameras == camera)]
-        answer += _of_camera(network, int(camera), groups, whitening)
-    return answer
+    batches: list[list[Group]] = []
+    for group in structure.groups:
+        full = not batches or batches[-1][0].camera != group.camera
+        if full or sum(len(g.rows) for g in batches[-1]) + len(group.rows) > BATCH_ROWS:
+            batches.append([])
+        batches[-1].append(group)
+    with ThreadPoolExecutor(THREADS) as pool:  # NumPy lets go of the interpreter
+        parts = list(pool.map(lambda batch: _of_camera(network, batch[0].camera, batch, whitening), batches))
+    return [part for batch in parts for part in batch]
 
 
 def _of_camera(network: Network, camera: int, groups: list[Group], whitening: np.ndarray) -> list[Derivatives]:
@@ -158,7 +170,9 @@ def _of_camera(network: Network, camera: int, groups: list[Group], whitening: np
             own[np.arange(k), :, np.arange(k)] = by_point
             parts.append(own.reshape(k, 2, 3 * k))
             by_point = np.zeros_like(by_point)
-        answer.append(Derivatives(np.concatenate(parts, axis=2), by_point, residual[here]))
+        own_normal = np.einsum("nij,nik->njk", by_point, by_point)
+        own_right = np.einsum("nij,ni->nj", by_point, residual[here])
+        answer.append(Derivatives(np.concatenate(parts, axis=2), by_point, residual[here], own_normal, own_right))
     return answer
 
 

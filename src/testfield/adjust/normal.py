@@ -5,18 +5,18 @@ stations, boards and the few points that distances tie together. `across` (n, 3,
 for some points at a time, so that memory does not grow with the network.
 """
 
-from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 from scipy.linalg.blas import dsyrk
 
-from testfield.adjust.linear import Derivatives, Structure
+from testfield.adjust.linear import THREADS, Derivatives, Structure
 from testfield.adjust.network import EXACT_MM, Network
 from testfield.errors import TestfieldError
 
-CHUNK_NUMBERS = 40_000_000
-"""Numbers of `across` that are held at a time."""
+CHUNK_NUMBERS = 16_000_000
+"""Numbers of `across` that a thread holds at a time."""
 SINGULAR = 1e-13
 """Smallest eigenvalue of a reduced normal matrix of unit diagonal that still determines its unknowns."""
 
@@ -33,8 +33,8 @@ class NormalEquations:
             flat = d.by_unknown.reshape(-1, d.by_unknown.shape[2])
             self.normal[np.ix_(group.columns, group.columns)] += flat.T @ flat
             self.right[group.columns] += flat.T @ d.residual.ravel()
-        blocks = [np.zeros((0, 9))] + [(np.swapaxes(d.by_point, 1, 2) @ d.by_point).reshape(-1, 9) for d in derivatives]
-        rights = [np.zeros((0, 3))] + [np.einsum("nij,ni->nj", d.by_point, d.residual) for d in derivatives]
+        blocks = [np.zeros((0, 9)), *(d.point_normal.reshape(-1, 9) for d in derivatives)]
+        rights = [np.zeros((0, 3)), *(d.point_right for d in derivatives)]
         self.point_normal = np.asarray(structure.gather @ np.concatenate(blocks)).reshape(n, 3, 3)
         self.point_right = np.asarray(structure.gather @ np.concatenate(rights))
 
@@ -45,7 +45,6 @@ class NormalEquations:
         idle[network.seen_points] = False
         idle[network.kept_points] = True
         self.point_normal[idle], self.point_right[idle] = np.eye(3), 0
-        self._whole: np.ndarray | None = None
 
     def _add_what_was_known(self, network: Network) -> None:
         layout = self.structure.layout
@@ -90,18 +89,11 @@ class NormalEquations:
                 start += run.stop - run.start
         return block
 
-    def chunks(self) -> Iterator[tuple[int, int, np.ndarray]]:
-        """Ranges of points with their `across`; a network that fits is kept in one piece."""
+    def chunks(self) -> list[tuple[int, int]]:
+        """Ranges of points whose `across` is made at a time: at least one for each thread."""
         n = len(self.point_normal)
-        step = max(1, CHUNK_NUMBERS // (3 * self.size))
-        if n <= step:
-            if self._whole is None:
-                self._whole = self.across(0, n)
-            yield 0, n, self._whole
-            return
-        for first in range(0, n, step):
-            last = min(first + step, n)
-            yield first, last, self.across(first, last)
+        step = max(1, min(CHUNK_NUMBERS // (3 * max(self.size, 1)), -(-n // THREADS)))
+        return [(first, min(first + step, n)) for first in range(0, n, step)]
 
     def reduced(self, damping: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The reduced normal matrix (P, P), its right side (P,) and the points' inverse blocks (n, 3, 3)."""
@@ -118,10 +110,17 @@ class NormalEquations:
         normal = self.normal.copy(order="F")
         normal[np.diag_indices(self.size)] *= 1 + damping
         right = self.right.copy()
-        for first, last, across in self.chunks():
-            half = (factor[first:last] @ across).reshape(-1, self.size)
-            normal = dsyrk(-1.0, half.T, beta=1.0, c=normal, overwrite_c=True, lower=False)
-            right -= half.T @ np.einsum("nij,nj->ni", factor[first:last], self.point_right[first:last]).ravel()
+
+        def reduction(chunk: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+            here = slice(*chunk)
+            half = (factor[here] @ self.across(*chunk)).reshape(-1, self.size)
+            own_right = np.einsum("nij,nj->ni", factor[here], self.point_right[here]).ravel()
+            return dsyrk(1.0, half.T), half.T @ own_right
+
+        with ThreadPoolExecutor(THREADS) as pool:
+            for less, less_right in pool.map(reduction, self.chunks()):
+                normal -= less
+                right -= less_right
         return mirrored(normal), right, inverse
 
     def back_substituted(self, step: np.ndarray, inverse: np.ndarray) -> np.ndarray:
