@@ -13,26 +13,40 @@ from testfield.camera.project import project_with_jacobian
 PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
 
-def target_normal(
-    interior: Interior, poses: Poses, centre_mm: np.ndarray, radius_mm: float, moments_px2: np.ndarray
+def target_normals(
+    interior: Interior,
+    poses: Poses,
+    there: np.ndarray,
+    centre_mm: np.ndarray,
+    radius_mm: np.ndarray,
+    moments_px2: np.ndarray,
 ) -> np.ndarray:
-    """Unit normal (3,) of a target, towards its cameras.
+    """Unit normals (n, 3) of n targets, towards their cameras.
 
-    `poses` (k) camera-from-datum of the views, k >= 2; `centre_mm` (3,) in the datum frame; `moments_px2` (k, 2, 2).
+    `poses` (n * k) camera-from-datum of the views, those of one target together; `there` (n, k) which views there are,
+    two a target at least; `centre_mm` (n, 3) in the datum frame; `radius_mm` (n,); `moments_px2` (n, k, 2, 2).
     """
-    k = len(poses)
-    _, jacobian = project_with_jacobian(interior, poses, np.broadcast_to(centre_mm, (k, 3)))
-    J = jacobian.camera_point @ poses.R
-    missing = J @ np.swapaxes(J, 1, 2) - 4 * moments_px2 / radius_mm**2
+    n, k = there.shape
+    _, jacobian = project_with_jacobian(interior, poses, np.repeat(centre_mm, k, axis=0))
+    J = (jacobian.camera_point @ poses.R).reshape(n, k, 2, 3)
+    J = np.where(there[..., None, None], J, 0)
+    shape = np.where(there[..., None, None], 4 * moments_px2 / radius_mm[:, None, None, None] ** 2, 0)
+    missing = J @ np.swapaxes(J, -1, -2) - shape
     rows, right = [], []
     for a, b in ((0, 0), (0, 1), (1, 1)):
-        rows.append(np.stack([J[:, a, i] * J[:, b, j] + (i != j) * J[:, a, j] * J[:, b, i] for i, j in PAIRS], axis=1))
-        right.append(missing[:, a, b])
+        entries = [J[..., a, i] * J[..., b, j] + (i != j) * J[..., a, j] * J[..., b, i] for i, j in PAIRS]
+        rows.append(np.stack(entries, axis=-1))
+        right.append(missing[..., a, b])
+    equations = np.concatenate(rows, axis=1)
     # The trace of n n^T is one; weighted like all other equations together.
-    trace = np.array([[1.0, 0, 0, 1, 0, 1]]) * np.abs(np.concatenate(rows)).max()
-    solution, *_ = np.linalg.lstsq(np.vstack([*rows, trace]), np.concatenate([*right, [trace.max()]]), rcond=None)
-    outer = np.zeros((3, 3))
-    for (i, j), value in zip(PAIRS, solution, strict=True):
-        outer[i, j] = outer[j, i] = value
-    normal = np.linalg.eigh(outer)[1][:, -1]
-    return normal if ((poses.origin_mm - centre_mm) @ normal).sum() > 0 else -normal
+    weight = np.abs(equations).max(axis=(1, 2))
+    trace = weight[:, None] * np.array([1.0, 0, 0, 1, 0, 1])
+    equations = np.concatenate([equations, trace[:, None, :]], axis=1)
+    solution = np.linalg.pinv(equations) @ np.concatenate([*right, weight[:, None]], axis=1)[..., None]
+    outer = np.zeros((n, 3, 3))
+    for entry, (i, j) in enumerate(PAIRS):
+        outer[:, i, j] = outer[:, j, i] = solution[:, entry, 0]
+    normal = np.linalg.eigh(outer)[1][:, :, -1]
+    toward = poses.origin_mm.reshape(n, k, 3) - centre_mm[:, None, :]
+    facing = (np.einsum("nki,ni->nk", toward, normal) * there).sum(axis=1)
+    return normal * np.where(facing > 0, 1.0, -1.0)[:, None]

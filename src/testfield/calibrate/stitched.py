@@ -6,7 +6,7 @@ import numpy as np
 
 from testfield.adjust.bundle import Adjustment, adjust
 from testfield.adjust.network import Camera, Distances, Network, information_of
-from testfield.adjust.normals import target_normal
+from testfield.adjust.normals import target_normals
 from testfield.calibrate.calibration import Calibration
 from testfield.calibrate.start import Start, starting_network
 from testfield.camera.circle import disc_image
@@ -83,9 +83,10 @@ class _Discs:
         for k in np.flatnonzero(network.point_board < 0):
             v = np.flatnonzero(network.point == k)
             poses = network.stations[network.image[v]]
-            normals[k] = target_normal(
-                network.interior, poses, network.point_mm[k], self.radius_mm[k], self.moments_px2[v]
-            )
+            normals[k] = target_normals(
+                network.interior, poses, np.ones((1, len(v)), bool), network.point_mm[[k]], self.radius_mm[[k]],
+                self.moments_px2[v][None],
+            )[0]  # fmt: skip
         poses, centre = network.stations[network.image], network.datum_mm()[network.point]
         image = disc_image(network.interior, poses, centre, normals[network.point], self.radius_mm[network.point])
         return image.centroid_px - project(network.interior, poses, centre)

@@ -20,3 +20,14 @@ def meet(interior: Interior, poses: Poses, xy_px: np.ndarray) -> np.ndarray:
     d /= np.linalg.norm(d, axis=1, keepdims=True)
     projector = np.eye(3) - d[:, :, None] * d[:, None, :]
     return np.linalg.solve(projector.sum(axis=0), np.einsum("nij,nj->i", projector, poses.origin_mm))
+
+
+def meet_all(interior: Interior, poses: Poses, station: np.ndarray, there: np.ndarray, xy_px: np.ndarray) -> np.ndarray:
+    """Points (n, 3), each nearest to up to k rays: `station` (n, k) of their `poses`, `there` (n, k) which are rays,
+    `xy_px` (n, k, 2). A pixel that the lens cannot reach gives no ray."""
+    d = np.einsum("nkji,nkj->nki", poses.R[station], directions(interior, xy_px))
+    d /= np.linalg.norm(d, axis=-1, keepdims=True)
+    good = there & np.isfinite(d).all(axis=-1)
+    projector = np.where(good[..., None, None], np.eye(3) - d[..., :, None] * d[..., None, :], 0)
+    right = np.einsum("nkij,nkj->ni", projector, poses.origin_mm[station])
+    return np.linalg.solve(projector.sum(axis=1), right[..., None])[..., 0]

@@ -1,0 +1,57 @@
+"""All points and the cameras together, the calibration with its covariance as what was known before.
+
+Many points seen by the same cameras say something of the cameras too: with v = J dx + G dtheta + noise for every point,
+the points are eliminated, dtheta is found with its prior, and the points follow. More than point by point (METHODS
+section 1.6, last sentence).
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from testfield.calibrate.calibration import Calibration
+from testfield.detect.observations import Observations
+from testfield.reconstruct.estimate import Method, Solved, as_points, joint_covariance, sandwich, settle, solve
+from testfield.reconstruct.gls import all_together
+from testfield.reconstruct.ml import REPROJECTION
+from testfield.reconstruct.points import Points
+from testfield.reconstruct.sights import sights_of
+from testfield.registry import register
+from testfield.targets.field import Field
+
+
+@register("reconstructors", "bundle")
+def bundle(observations: Observations, calibration: Calibration, field: Field) -> Points:
+    """Points and cameras in one adjustment, the calibration's covariance as the cameras' prior."""
+    # Which rays are wrong is asked with the cameras' correlation; the rest is one linear step from the ML points.
+    sound = settle(sights_of(observations, calibration, field), calibration, Method("gls", all_together))
+    solved = solve(sound.sights, calibration, REPROJECTION)
+    own, by_calibration = sandwich(solved)
+    information, right = _of_calibration(solved)
+    posterior = _posterior(calibration.covariance, information)
+    change = posterior @ right
+    moved = replace(solved, rejected=sound.rejected, xyz_mm=solved.xyz_mm + (by_calibration @ change).reshape(-1, 3))
+    after = replace(calibration, covariance=posterior)
+    return as_points(moved, "bundle", joint_covariance(own, by_calibration, after))
+
+
+def _of_calibration(solved: Solved) -> tuple[np.ndarray, np.ndarray]:
+    """What the residuals of all points tell of the calibration's unknowns: normal matrix (P, P) and right side (P,)."""
+    n, k = solved.sights.there.shape
+    whitening = np.linalg.inv(np.linalg.cholesky(solved.sights.cov_px2))
+    whitening = np.where(solved.sights.there[..., None, None], whitening, 0)
+    J = (whitening @ solved.rays.by_point).reshape(n, 2 * k, 3)
+    G = (whitening @ solved.rays.by_calibration).reshape(n, 2 * k, -1)
+    v = np.einsum("nkij,nkj->nki", whitening, solved.rays.residual_px).reshape(n, 2 * k)
+    # Square to what the point itself explains.
+    basis = np.linalg.qr(J)[0]
+    left = G - basis @ (np.swapaxes(basis, 1, 2) @ G)
+    flat = left.reshape(2 * n * k, -1)
+    return flat.T @ flat, flat.T @ v.ravel()
+
+
+def _posterior(prior: np.ndarray, information: np.ndarray) -> np.ndarray:
+    """Covariance after information was added to a prior that may be singular."""
+    size = len(prior)
+    posterior = np.linalg.solve(np.eye(size) + prior @ information, prior)
+    return 0.5 * (posterior + posterior.T)

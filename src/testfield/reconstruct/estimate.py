@@ -1,0 +1,132 @@
+"""The weighted least squares that all linear reconstructions share, vectorised over points (METHODS 1.2 to 1.6).
+
+A method is a rule for weights. With D the lines of a ray (two directions square to it), C its origin and W the weights,
+the point is (sum D^T W D)^-1 sum D^T W D C, iterated while weights and discs depend on it. Whatever the weights, its
+covariance is the sandwich: gain on the pixels' noise, and on the calibration's error, which all points share.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from testfield.calibrate.calibration import Calibration
+from testfield.camera.rays import meet_all
+from testfield.detect.observations import Observations
+from testfield.reconstruct.points import Points
+from testfield.reconstruct.sights import Rays, Sights, rays_of, sights_of
+from testfield.targets.field import Field
+
+PASSES = 8
+SETTLED_MM = 1e-10
+REJECT_SIGMA = 6.0
+
+Weights = Callable[[Sights, Rays, Calibration], np.ndarray]
+"""Weights of the lines of n points: (n, k, 2, 2) where rays are independent, (n, 2k, 2k) where they are not."""
+
+
+@dataclass(frozen=True)
+class Method:
+    """A reconstruction by name: its `weights`, and whether it compares in the image (`reprojected`) instead of along
+    the lines of the measured pixels, which differs in second order."""
+
+    name: str
+    weights: Weights
+    reprojected: bool = False
+
+
+@dataclass(frozen=True)
+class Solved:
+    """Points of sights: `xyz_mm` (n, 3), the `rays` linearised there, and the `gain` (n, 3, 2k) on their pixels."""
+
+    sights: Sights
+    xyz_mm: np.ndarray
+    rays: Rays
+    gain: np.ndarray
+    rejected: np.ndarray
+
+
+def reconstruct(observations: Observations, calibration: Calibration, field: Field, method: Method) -> Points:
+    """Loose targets of the field as points with their joint covariance; rays that contradict others are rejected."""
+    solved = settle(sights_of(observations, calibration, field), calibration, method)
+    own, by_calibration = sandwich(solved)
+    return as_points(solved, method.name, joint_covariance(own, by_calibration, calibration))
+
+
+def settle(sights: Sights, calibration: Calibration, method: Method) -> Solved:
+    """Points of all sights of which two rays agree or more, the others left out."""
+    started = sights.rays
+    while True:
+        solved = solve(sights, calibration, method)
+        size = _sizes(solved, calibration)
+        # A wrong ray drags the others along: only the worst of each point goes in one round.
+        bad = (size > REJECT_SIGMA) & (size >= size.max(axis=1, keepdims=True, initial=0))
+        if not bad.any():
+            return Solved(sights, solved.xyz_mm, solved.rays, solved.gain, started - sights.rays)
+        # Of two rays that disagree neither can be told to be the wrong one.
+        sights = sights.without(bad)
+        keep = sights.rays >= 2
+        sights, started = sights.take(keep), started[keep]
+
+
+def solve(sights: Sights, calibration: Calibration, method: Method) -> Solved:
+    """Points of all sights with all their rays."""
+    n, k = sights.there.shape
+    xyz = meet_all(calibration.interior, calibration.stations, sights.station, sights.there, sights.xy_px)
+    for _ in range(PASSES):
+        rays = rays_of(sights, calibration, xyz)
+        rays = rays.reprojected() if method.reprojected else rays
+        W, flat = method.weights(sights, rays, calibration), rays.lines.reshape(n, 2 * k, 3)
+        if W.ndim == 4:
+            weighted = (np.swapaxes(rays.lines, -1, -2) @ W).transpose(0, 2, 1, 3).reshape(n, 3, 2 * k)
+        else:
+            weighted = np.swapaxes(flat, 1, 2) @ W
+        factor = np.linalg.solve(weighted @ flat, weighted)
+        step = np.einsum("nij,nj->ni", factor, rays.misclosure.reshape(n, 2 * k))
+        xyz = xyz + step
+        if np.abs(step).max(initial=0) < SETTLED_MM:
+            break
+    split = factor.reshape(n, 3, k, 2)
+    gain = np.einsum("nikl,nklm->nikm", split, rays.to_line).reshape(n, 3, 2 * k)
+    return Solved(sights, xyz, rays, gain, np.zeros(n, int))
+
+
+def pixel_covariance(sights: Sights, rays: Rays, calibration: Calibration) -> np.ndarray:
+    """(n, k, 2, 2) covariance of each ray's residual in px: its own noise, and what the calibration leaves unknown."""
+    n, k = sights.there.shape
+    flat = rays.by_calibration.reshape(2 * n * k, -1)
+    half = (flat @ calibration.covariance).reshape(n, k, 2, -1)
+    return sights.cov_px2 + half @ np.swapaxes(rays.by_calibration, -1, -2)
+
+
+def sandwich(solved: Solved) -> tuple[np.ndarray, np.ndarray]:
+    """What pixels' noise leaves of each point, (n, 3, 3), and how points follow the calibration, (3n, P)."""
+    n, k = solved.sights.there.shape
+    split = solved.gain.reshape(n, 3, k, 2)
+    half = np.einsum("nikl,nklm->nikm", split, solved.sights.cov_px2).reshape(n, 3, 2 * k)
+    own = half @ np.swapaxes(solved.gain, 1, 2)
+    return own, -(solved.gain @ solved.rays.by_calibration.reshape(n, 2 * k, -1)).reshape(3 * n, -1)
+
+
+def joint_covariance(own: np.ndarray, by_calibration: np.ndarray, calibration: Calibration) -> np.ndarray:
+    """(3n, 3n) of all points together, which share the calibration's error."""
+    n = len(own)
+    covariance = by_calibration @ calibration.covariance @ by_calibration.T
+    blocks = covariance.reshape(n, 3, n, 3)
+    blocks[np.arange(n), :, np.arange(n)] += own
+    return covariance
+
+
+def as_points(solved: Solved, name: str, cov_xyz_mm2: np.ndarray) -> Points:
+    """Points as they are handed on."""
+    rms = np.sqrt((solved.rays.residual_px**2).sum(axis=(1, 2)) / np.maximum(solved.sights.rays, 1))
+    return Points(
+        name, solved.sights.code, solved.xyz_mm, cov_xyz_mm2, solved.sights.rays, rms, solved.rejected
+    )  # fmt: skip
+
+
+def _sizes(solved: Solved, calibration: Calibration) -> np.ndarray:
+    """(n, k) residuals in standard deviations of pixel and calibration, zero where there is no ray."""
+    variance = pixel_covariance(solved.sights, solved.rays, calibration)
+    residual = solved.rays.residual_px[..., None]
+    return np.sqrt((residual * np.linalg.solve(variance, residual)).sum(axis=(-1, -2)))
