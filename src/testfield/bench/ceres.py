@@ -33,7 +33,7 @@ def solve_with_ceres(network: Network) -> CeresResult:
     try:
         import pycolmap
     except ImportError as error:
-        raise TestfieldError("pycolmap is not installed", do="pip install 'testfield[opponents]'") from error
+        raise TestfieldError("pycolmap is not installed", do="pip install 'testfield[peers]'") from error
     interior = network.interior
     values = [float(interior.parameters[interior.names.index(name)]) for name in AS_COLMAP]
     rebuilt = pycolmap.Reconstruction()

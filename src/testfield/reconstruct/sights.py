@@ -78,7 +78,8 @@ class Rays:
     ray, whose products with a place's distance from the origin are the residuals `t` times those on the plane before
     the lens; `depth_mm` (n, k); `to_line` (n, k, 2, 2), how a residual in px becomes one of the lines'; `by_point`
     (n, k, 2, 3) and `by_calibration` (n, k, 2, P), derivatives of the pixel; `residual_px` (n, k, 2), observed minus
-    predicted; `misclosure` (n, k, 2), by how much the lines miss the points. All are zero where there is no ray.
+    predicted; `misclosure` (n, k, 2), by how much the lines miss the points; `plane` (n, k, 2), the ray's place on the
+    plane before the lens. All are zero where there is no ray.
     """
 
     lines: np.ndarray
@@ -88,6 +89,7 @@ class Rays:
     by_calibration: np.ndarray
     residual_px: np.ndarray
     misclosure: np.ndarray
+    plane: np.ndarray
 
     def reprojected(self) -> "Rays":
         """The same with the image's own coordinates as lines: misclosures are residuals in px."""
@@ -129,7 +131,7 @@ def rays_of(sights: Sights, calibration: Calibration, xyz_mm: np.ndarray) -> Ray
     misclosure = np.einsum("nkij,nkj->nki", lines, poses.origin_mm[sights.station] - xyz_mm[:, None, :])
     return Rays(
         lines, depth, np.where(keep, to_line, 0), np.where(keep, by_camera @ R, 0), np.where(keep, by_calibration, 0),
-        np.where(good[..., None], residual, 0), misclosure,
+        np.where(good[..., None], residual, 0), misclosure, np.where(good[..., None], plane, 0),
     )  # fmt: skip
 
 
