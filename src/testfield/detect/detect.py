@@ -1,10 +1,11 @@
 """One frame to its observations: find, centre, decode, identify."""
 
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 
 import numpy as np
 
 from testfield.camera.images import Frame, InvertedSheet, SensorSheet
+from testfield.camera.mosaic import balanced
 from testfield.detect.centre import Centres
 from testfield.detect.contour import ROUGHLY, is_elliptic
 from testfield.detect.decode import CROWDED, CUT, PLAIN, UNREADABLE, decode
@@ -179,10 +180,13 @@ def _full(centres: Centres, sheet: SensorSheet) -> np.ndarray:
 
 def bright_marks(frame: Frame, white_on_black: bool) -> tuple[np.ndarray, SensorSheet]:
     """The frame as float32 with bright marks, and the sheet that describes its noise."""
-    image = frame.pixels_dn.astype(np.float32)
+    image, sheet = frame.pixels_dn.astype(np.float32), frame.sheet
+    if sheet.bayer:
+        image, gains = balanced(image, sheet.black_level_dn)
+        sheet = replace(sheet, balance=gains)
     if white_on_black:
-        return image, frame.sheet
-    inverted = InvertedSheet(*astuple(frame.sheet))
+        return image, sheet
+    inverted = InvertedSheet(*astuple(sheet))
     return inverted.largest_dn - image, inverted
 
 
