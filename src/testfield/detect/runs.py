@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
 
 
 @dataclass(frozen=True)
@@ -63,5 +65,16 @@ def runs_above(image: np.ndarray, threshold: np.ndarray) -> Runs:
     change = np.flatnonzero((line[1:] ^ line[:-1]).view(bool))
     begin, end = change[::2], change[1::2]
     row, first = begin // (w + 1), begin % (w + 1)
-    labels = cv2.connectedComponents(bright, connectivity=4)[1]
-    return Runs(labels[row, first] - 1, row, first, end - begin)
+    return Runs(_connected(begin, end, w + 1), row, first, end - begin)
+
+
+def _connected(begin: np.ndarray, end: np.ndarray, step: int) -> np.ndarray:
+    """(m,) numbers of the blobs of runs, whose places in memory `begin` and `end` (m,) are one `step` a row apart."""
+    m = len(begin)
+    # The runs that touch one from below lie next to each other.
+    touching = np.searchsorted(end, begin + step, "right"), np.searchsorted(begin, end + step, "left")
+    count = touching[1] - touching[0]
+    pointer = np.concatenate([[0], np.cumsum(count)])
+    below = np.arange(pointer[-1]) + np.repeat(touching[0] - pointer[:-1], count)
+    graph = csr_array((np.ones(len(below), np.int8), below, pointer), shape=(m, m))
+    return connected_components(graph, directed=False)[1]
