@@ -22,7 +22,7 @@ from testfield.registry import register
 SAMPLING_PX = 0.04
 """Scatter over the phases of the grid, times the square root of the diameter, at a blur of about half a pixel."""
 
-BATCH = 64
+BATCH = 128
 """Dots at a time: their windows then stay in the processor's cache."""
 
 

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from testfield.camera.images import SensorSheet
-from testfield.detect.runs import runs_above
+from testfield.detect.runs import empty_mask, runs_of
 
 NOISE_FACTOR = 6.0
 FLATTEST = 0.2
@@ -21,6 +21,8 @@ fills, so that the gap between a small dot and its ring stays open; a dot wider 
 out as a whole."""
 LARGEST_ON_LEVEL_PX = 28.0
 """Larger dots are looked for in images of half the size, and so on."""
+BAND_ROWS = 128
+"""Rows that are compared with their threshold at a time: what is in use then stays in the processor's cache."""
 MOST_BLOBS = 50_000
 """More are not measured, the largest come first: a photograph of gravel must not take hours."""
 
@@ -80,7 +82,11 @@ def _blobs_of_level(
     `half_dn` is that image halved."""
     h, w = level_dn.shape
     threshold = _threshold(half_dn, sheet, window, NOISE_FACTOR / scale)
-    runs = runs_above(level_dn, _doubled(threshold, h, w))
+    line, bright = empty_mask(h, w)
+    for top in range(0, h, BAND_ROWS):
+        rows = slice(top, min(top + BAND_ROWS, h))
+        cv2.compare(level_dn[rows], _doubled(threshold, rows, w), cv2.CMP_GT, dst=bright[rows])
+    runs = runs_of(line, w)
     area = runs.area()
     smallest_area = max(0.5 * np.pi / 4 * smallest_px**2 * FLATTEST, 6)
     keep = (area >= smallest_area) & (area <= (1.1 * window) ** 2)
@@ -116,13 +122,16 @@ def _threshold(half_dn: np.ndarray, sheet: SensorSheet, window: int, noise_facto
     return cv2.scaleAdd(cv2.resize(noise, (w, h), interpolation=cv2.INTER_LINEAR), noise_factor, mean)
 
 
-def _doubled(half: np.ndarray, h: int, w: int) -> np.ndarray:
-    """The image (h, w) of which `half` was halved; an odd last row or column repeats the one before."""
-    even_h, even_w = 2 * half.shape[0], 2 * half.shape[1]
-    full = cv2.resize(half, (even_w, even_h), interpolation=cv2.INTER_LINEAR)
-    if (even_h, even_w) == (h, w):
-        return full
-    return cv2.copyMakeBorder(full, 0, h - even_h, 0, w - even_w, cv2.BORDER_REPLICATE)
+def _doubled(half: np.ndarray, rows: slice, w: int) -> np.ndarray:
+    """Some rows, from an even one on, of the image of width `w` of which `half` was halved; an odd last row or column
+    repeats the one before."""
+    first, last = max(rows.start // 2 - 1, 0), min(rows.stop // 2 + 1, half.shape[0])
+    even_w = 2 * half.shape[1]
+    full = cv2.resize(half[first:last], (even_w, 2 * (last - first)), interpolation=cv2.INTER_LINEAR)
+    odd_row, odd_column = max(rows.stop - 2 * last, 0), w - even_w
+    if odd_row or odd_column:
+        full = cv2.copyMakeBorder(full, 0, odd_row, 0, odd_column, cv2.BORDER_REPLICATE)
+    return full[rows.start - 2 * first : rows.stop - 2 * first]
 
 
 def _distinct(xy: np.ndarray, size: np.ndarray, fullness: np.ndarray) -> np.ndarray:

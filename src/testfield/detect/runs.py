@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
@@ -53,15 +52,18 @@ class Runs:
         return x, y, mean(dx * dx + along) + 1 / 12, mean(dx * dy), mean(dy * dy) + 1 / 12
 
 
-def runs_above(image: np.ndarray, threshold: np.ndarray) -> Runs:
-    """Runs of the pixels of an image (h, w) that exceed a threshold (h, w) of the same type; pixels that share an edge
-    belong to one blob."""
-    h, w = image.shape
-    # A dark pixel before the first row and behind each row, so that in memory every run begins and ends somewhere.
+def empty_mask(h: int, w: int) -> tuple[np.ndarray, np.ndarray]:
+    """Memory for `runs_of`, and the part of it (h, w) uint8 into which the mask is to be written.
+
+    A dark pixel lies before the first row and behind each row, so that in memory every run begins and ends somewhere.
+    """
     line = np.empty(h * (w + 1) + 1, np.uint8)
     line[:: w + 1] = 0
-    bright = line[1:].reshape(h, w + 1)[:, :w]
-    cv2.compare(image, threshold, cv2.CMP_GT, dst=bright)
+    return line, line[1:].reshape(h, w + 1)[:, :w]
+
+
+def runs_of(line: np.ndarray, w: int) -> Runs:
+    """Runs of the pixels that are not 0 in a mask of width `w`; pixels that share an edge belong to one blob."""
     change = np.flatnonzero((line[1:] ^ line[:-1]).view(bool))
     begin, end = change[::2], change[1::2]
     row, first = begin // (w + 1), begin % (w + 1)
