@@ -14,7 +14,7 @@ FLATTEST = 0.2
 """Smallest ratio of an ellipse's axes: a circle seen at 78 degrees."""
 FULLEST_LACK = 0.14
 """By how much a blob may be less than the ellipse of its moments."""
-WINDOW_PX, FINE_WINDOW_PX = 42, 14
+WINDOW_PX, FINE_WINDOW_PX = 42, 18
 """Widths of the neighbourhoods whose means pixels are compared with; twice an odd number, since the means are taken in
 the image of half the size. The threshold lies the closer to an edge's middle the more of the neighbourhood the target
 fills, so that the gap between a small dot and its ring stays open; a dot wider than about 0.8 of it no longer stands
