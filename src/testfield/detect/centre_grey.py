@@ -77,7 +77,7 @@ def _centroids(
     sums, counts = ((part @ powers.T).astype(float) for part in (weight, binary))
     total = np.maximum(sums[:, 0], 1e-12)
     centre = sums[:, 1:3] / total[:, None]
-    # First-order propagation of each pixel's noise through the ratio of sums; a pixel's variance is linear in its level.
+    # First-order propagation of the pixels' noise through the ratio of sums. Variance is linear in a pixel's level.
     at_threshold, at_white = (sheet.variance_dn2(level) for level in (threshold, white.astype(float)))
     slope = (at_white - at_threshold) / np.where(white > black, white - threshold, np.inf)
     noise = at_threshold[:, None] * counts + slope[:, None] * sums

@@ -4,7 +4,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from testfield.detect.screen import half_axes_of, sample
+from testfield.detect.screen import half_axes_of, median_known, sample
 
 RMS_PART, WORST_PX, WORST_PART, NOISE_PX = 0.045, 0.03, 0.1, 0.5
 """An edge may lie off its ellipse by such parts of the dot's radius, and so many pixels for a noise as large as the
@@ -70,6 +70,6 @@ def _deviation(image_dn: np.ndarray, xy_px: np.ndarray, half_axes: np.ndarray) -
         edge = (weighted[..., 1] / weighted[..., 0]).astype(float)
     seen = np.isfinite(edge)
     edge[~seen.any(axis=1)] = 1e9  # no edge anywhere
-    off = (edge - np.nanmedian(edge, axis=1, keepdims=True)) * np.linalg.norm(towards, axis=2)
+    off = (edge - median_known(edge)) * np.linalg.norm(towards, axis=2)
     off[~seen.any(axis=1)] = np.inf
     return np.sqrt(np.nanmean(off**2, axis=1)), np.nanmax(np.abs(off), axis=1)

@@ -98,7 +98,7 @@ def _blobs_of_level(
     # The least that an ellipse fills of its box is less where it lies across, but never this little.
     keep &= area >= 0.15 * width * height
     runs, area = runs.only(keep), area[keep]
-    edge = ((left == 0) | (top == 0) | (right == w) | (bottom == h))[keep]
+    cut = ((left == 0) | (top == 0) | (right == w) | (bottom == h))[keep]
 
     x, y, xx, xy, yy = runs.moments()
     # A filled ellipse has area 4 pi sqrt(det of moments); anything with holes, arms or corners has less.
@@ -108,7 +108,7 @@ def _blobs_of_level(
     good = (fullness > 1 - FULLEST_LACK) & (ratio > FLATTEST)
     moments = np.stack([np.stack([xx, xy], -1), np.stack([xy, yy], -1)], -2)
     centre = (np.column_stack([x, y]) + 0.5) * scale - 0.5
-    return centre[good], moments[good] * scale**2, fullness[good], edge[good]
+    return centre[good], moments[good] * scale**2, fullness[good], cut[good]
 
 
 def _threshold(half_dn: np.ndarray, sheet: SensorSheet, window: int, noise_factor: float) -> np.ndarray:
@@ -117,7 +117,8 @@ def _threshold(half_dn: np.ndarray, sheet: SensorSheet, window: int, noise_facto
     h, w = half_dn.shape
     width = min(window // 2, 2 * min(h, w) - 1)
     mean = cv2.blur(half_dn, (width, width), borderType=cv2.BORDER_REFLECT)
-    coarse = cv2.resize(mean, (-(-w // 2), -(-h // 2)), interpolation=cv2.INTER_LINEAR)
+    step = window // 9
+    coarse = cv2.resize(mean, (-(-w // step), -(-h // step)), interpolation=cv2.INTER_LINEAR)
     noise = np.sqrt(sheet.variance_dn2(coarse)).astype(np.float32)
     return cv2.scaleAdd(cv2.resize(noise, (w, h), interpolation=cv2.INTER_LINEAR), noise_factor, mean)
 
