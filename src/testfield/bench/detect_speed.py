@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import cv2
@@ -77,12 +78,12 @@ def _times(frame: Frame, true_px: np.ndarray, repeats: int) -> dict[str, Any]:
 
     for turn in range(repeats):
         found = timed("find_centre_decode", ours)
-        points = timed("opencv", lambda: opencv.detect(grey))
-        timed("opencv_coarse", lambda: coarse.detect(grey))
+        points = timed("opencv", partial(opencv.detect, grey))
+        timed("opencv_coarse", partial(coarse.detect, grey))
         if turn < GROWTH_REPEATS:
             target = np.flatnonzero(found.status == MEASURED)
             rough = found.xy_px[target], found.moments_px2[target]
-            fitted = timed("forward", lambda rough=rough: forward(image, frame.sheet, *rough))
+            fitted = timed("forward", partial(forward, image, frame.sheet, *rough))
     median = {f"{name}_s": float(np.median(values)) for name, values in seconds.items()}
     busy = {f"{name}_processor_s": float(np.median(values)) for name, values in processor.items()}
     return {

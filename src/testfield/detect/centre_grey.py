@@ -61,11 +61,11 @@ def _centroids(
     shape = np.linalg.inv(4 * moments_px2)
     xx, xy, yy = shape[:, 0, 0], shape[:, 0, 1], shape[:, 1, 1]
     form = [xx * a * a + 2 * xy * a * b + yy * b * b, -2 * (xx * a + xy * b), -2 * (xy * a + yy * b), xx, 2 * xy, yy]
-    q2 = np.maximum(np.stack(form, axis=1).astype(np.float32) @ powers, 0)
+    q2 = np.stack(form, axis=1).astype(np.float32) @ powers
     if 2 * np.sqrt(np.linalg.eigvalsh(moments_px2).min()) * (RING_BEGINS - WINDOW) >= RING_CLEARANCE_PX:
         use = inside & (q2 <= np.float32(WINDOW**2))  # no ring comes near
     else:
-        use = inside & usable(np.sqrt(q2), x - a[:, None], y - b[:, None])
+        use = inside & usable(np.sqrt(np.maximum(q2, 0)), x - a[:, None], y - b[:, None])
     inner, outer = ((use & part).astype(np.float32) for part in (q2 < 0.36, q2 > 1.44))
     black, white = (np.einsum("nk,nk->n", values, part) / np.maximum(part @ powers[0], 1) for part in (outer, inner))
     threshold = ((black + white) / 2).astype(float)

@@ -1,7 +1,7 @@
 """Read what surrounds a dot: nothing, a ring code, or something that makes it no target."""
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -74,8 +74,13 @@ class _Surroundings:
     radii: RingRadii
 
     def only(self, mask: np.ndarray) -> "_Surroundings":
-        part = (values[mask] for values in (self.xy_px, self.circle, self.ground, self.contrast))
-        return _Surroundings(self.image_dn, *part, self.radii)
+        return replace(
+            self,
+            xy_px=self.xy_px[mask],
+            circle=self.circle[mask],
+            ground=self.ground[mask],
+            contrast=self.contrast[mask],
+        )
 
     def levels(self, radius: float, count: int) -> np.ndarray:
         """(n, count) levels at equal angles, clockwise in the image; 0 ground, 1 as bright as the dot would be here."""

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from testfield.camera.images import SensorSheet
-from testfield.detect.runs import empty_mask, runs_of
+from testfield.detect.runs import changes, empty_mask, runs_between
 
 NOISE_FACTOR = 6.0
 FLATTEST = 0.2
@@ -82,23 +82,26 @@ def _blobs_of_level(
     `half_dn` is that image halved."""
     h, w = level_dn.shape
     threshold = _threshold(half_dn, sheet, window, NOISE_FACTOR / scale)
-    line, bright = empty_mask(h, w)
+    line, bright = empty_mask(BAND_ROWS, w)
+    found = []
     for top in range(0, h, BAND_ROWS):
-        rows = slice(top, min(top + BAND_ROWS, h))
-        cv2.compare(level_dn[rows], _doubled(threshold, rows, w), cv2.CMP_GT, dst=bright[rows])
-    runs = runs_of(line, w)
+        n = min(BAND_ROWS, h - top)
+        rows = slice(top, top + n)
+        cv2.compare(level_dn[rows], _doubled(threshold, rows, w), cv2.CMP_GT, dst=bright[:n])
+        found.append(changes(line[: n * (w + 1) + 1]) + top * (w + 1))
+    runs = runs_between(np.concatenate(found), w)
     area = runs.area()
     smallest_area = max(0.5 * np.pi / 4 * smallest_px**2 * FLATTEST, 6)
     keep = (area >= smallest_area) & (area <= (1.1 * window) ** 2)
     runs, area = runs.only(keep), area[keep]
-    left, top, right, bottom = runs.box()
-    width, height = right - left, bottom - top
-    keep = np.maximum(width, height) <= 1.1 * window
-    keep &= np.maximum(width, height) >= max(0.7 * smallest_px, 3)
+    left, upper, right, lower = runs.box()
+    width, height = right - left, lower - upper
+    longer = np.maximum(width, height)
+    keep = (longer <= 1.1 * window) & (longer >= max(0.7 * smallest_px, 3))
     # The least that an ellipse fills of its box is less where it lies across, but never this little.
     keep &= area >= 0.15 * width * height
     runs, area = runs.only(keep), area[keep]
-    cut = ((left == 0) | (top == 0) | (right == w) | (bottom == h))[keep]
+    cut = ((left == 0) | (upper == 0) | (right == w) | (lower == h))[keep]
 
     x, y, xx, xy, yy = runs.moments()
     # A filled ellipse has area 4 pi sqrt(det of moments); anything with holes, arms or corners has less.

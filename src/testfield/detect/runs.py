@@ -53,7 +53,7 @@ class Runs:
 
 
 def empty_mask(h: int, w: int) -> tuple[np.ndarray, np.ndarray]:
-    """Memory for `runs_of`, and the part of it (h, w) uint8 into which the mask is to be written.
+    """Memory for `changes`, and the part of it (h, w) uint8 into which the mask is to be written.
 
     A dark pixel lies before the first row and behind each row, so that in memory every run begins and ends somewhere.
     """
@@ -62,9 +62,13 @@ def empty_mask(h: int, w: int) -> tuple[np.ndarray, np.ndarray]:
     return line, line[1:].reshape(h, w + 1)[:, :w]
 
 
-def runs_of(line: np.ndarray, w: int) -> Runs:
-    """Runs of the pixels that are not 0 in a mask of width `w`; pixels that share an edge belong to one blob."""
-    change = np.flatnonzero((line[1:] ^ line[:-1]).view(bool))
+def changes(line: np.ndarray) -> np.ndarray:
+    """Places in a mask's memory where runs of pixels that are not 0 begin and end, in turn; a row is w + 1 long."""
+    return np.flatnonzero((line[1:] ^ line[:-1]).view(bool))
+
+
+def runs_between(change: np.ndarray, w: int) -> Runs:
+    """Runs from all the changes in an image of width `w`; pixels that share an edge belong to one blob."""
     begin, end = change[::2], change[1::2]
     row, first = begin // (w + 1), begin % (w + 1)
     return Runs(_connected(begin, end, w + 1), row, first, end - begin)

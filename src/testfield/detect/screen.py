@@ -67,7 +67,7 @@ def sample(image: np.ndarray, x_px: np.ndarray, y_px: np.ndarray) -> np.ndarray:
         part = slice(start, start + 8192)
         out[part] = cv2.remap(image, x[part], y[part], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     h, w = image.shape
-    if not (x.min(initial=0) >= -0.5 and y.min(initial=0) >= -0.5 and x.max(initial=0) <= w - 0.5 and y.max(initial=0) <= h - 0.5):
+    if not all(v.min(initial=0) >= -0.5 and v.max(initial=0) <= size - 0.5 for v, size in ((x, w), (y, h))):
         out[(x < -0.5) | (y < -0.5) | (x > w - 0.5) | (y > h - 0.5)] = np.nan
     return out
 
