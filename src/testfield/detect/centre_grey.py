@@ -67,7 +67,7 @@ def _centroids(
     else:
         use = inside & usable(np.sqrt(np.maximum(q2, 0)), x - a[:, None], y - b[:, None])
     inner, outer = ((use & part).astype(np.float32) for part in (q2 < 0.36, q2 > 1.44))
-    black, white = (np.einsum("nk,nk->n", values, part) / np.maximum(part @ powers[0], 1) for part in (outer, inner))
+    black, white = (np.vecdot(values, part) / np.maximum(part @ powers[0], 1) for part in (outer, inner))
     threshold = ((black + white) / 2).astype(float)
     weight = values - threshold[:, None].astype(np.float32)
     np.maximum(weight, 0, out=weight)
