@@ -3,6 +3,7 @@
 from dataclasses import astuple, dataclass, replace
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from testfield.camera.images import Frame, InvertedSheet, SensorSheet
 from testfield.camera.mosaic import balanced
@@ -195,7 +196,14 @@ def _drop_ring_parts(
 ) -> None:
     """A segment of a ring may look like a dot: whatever lies on the ring of a decoded target is part of it."""
     dots = np.flatnonzero((code <= 0) & np.isfinite(xy).all(axis=1))
-    for k in np.flatnonzero(code > 0):
-        d = xy[dots] - xy[k]
-        q = np.sqrt(np.einsum("ni,ij,nj->n", d, np.linalg.inv(4 * moments[k]), d))
-        status[dots[(q > 1.2) & (q < radii.outer + 0.4)]] = "part of a ring"
+    rings = np.flatnonzero(code > 0)
+    if len(dots) == 0 or len(rings) == 0:
+        return
+    end = radii.outer + 0.4
+    reach = 2 * end * np.sqrt(np.linalg.eigvalsh(moments[rings])[:, 1])
+    near = cKDTree(xy[dots]).query_ball_point(xy[rings], reach)
+    ring = np.repeat(rings, [len(those) for those in near])
+    dot = dots[np.concatenate(near).astype(int)]
+    d = xy[dot] - xy[ring]
+    q = np.sqrt(np.einsum("ni,nij,nj->n", d, np.linalg.inv(4 * moments[ring]), d))
+    status[dot[(q > 1.2) & (q < end)]] = "part of a ring"
