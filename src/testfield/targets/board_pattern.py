@@ -87,7 +87,7 @@ class BoardPattern:
             xy = np.column_stack([2 * k + row % 2, -row]) * self.pitch_mm
             return xy - (xy.max(axis=0) + xy.min(axis=0)) / 2
         if self.kind == "tags":
-            return (self._tag_middles[:, None] + SIDES * self.mark_mm / 2).reshape(-1, 2)
+            return (self.tag_middles_mm[:, None] + SIDES * self.mark_mm / 2).reshape(-1, 2)
         less = 1 if self.has_corners else 0
         return _grid(self.columns - less, self.rows - less, self.pitch_mm)
 
@@ -106,7 +106,7 @@ class BoardPattern:
         """(2,) half the width and height of all that is printed."""
         if self.kind in ("charuco", "checkerboard"):
             return np.array([self.columns, self.rows]) * self.pitch_mm / 2
-        middles = self._tag_middles if self.kind == "tags" else self.points_mm
+        middles = self.tag_middles_mm if self.kind == "tags" else self.points_mm
         return np.asarray(np.abs(middles).max(axis=0) + self.mark_mm / 2)
 
     @cached_property
@@ -122,7 +122,7 @@ class BoardPattern:
         else:
             column, row = np.moveaxis(np.floor((middle + half) / self.pitch_mm).astype(int), -1, 0)
             black = (column + self.rows - 1 - row) % 2 == 0
-        for number, at in zip(self.tags, self._tag_middles, strict=True):
+        for number, at in zip(self.tags, self.tag_middles_mm, strict=True):
             u, v = np.moveaxis((middle - at) / self.mark_mm + 0.5, -1, 0)
             inside = (u > 0) & (u < 1) & (v > 0) & (v < 1)
             n = self._cells_a_tag
@@ -135,7 +135,8 @@ class BoardPattern:
         return int(dictionary(self.names).markerSize) + 2
 
     @property
-    def _tag_middles(self) -> np.ndarray:
+    def tag_middles_mm(self) -> np.ndarray:
+        """(n, 2) middles of its tags, in the order of `tags`."""
         if self.kind == "tags":
             return _grid(self.columns, self.rows, self.pitch_mm)
         if self.kind != "charuco":
