@@ -29,7 +29,8 @@ GROSS_PX = 25.0
 class Start:
     """A network with starting values, and what belongs to it.
 
-    `rows` (m,) which observations it uses; `radius_mm` (n,) of its points' discs, 0 of corners; names of its `stations` and `boards`;
+    `rows` (m,) which observations it uses; `radius_mm` (n,) of its points' discs, 0 of corners; names of its `stations`
+    and `boards`;
     `graph` edges (station, board, marks); `gross` rows that were misread; `notes` for the reader.
     """
 

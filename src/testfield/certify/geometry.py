@@ -121,7 +121,7 @@ def render_squares(world: World, cells: int, alter: Callable[[World], World] = l
     image = render_fast(build_stage(alter(world)), Irradiance.even(len(world.panels), np.pi), 0, cells)
     errors = []
     for part in world.prints:
-        pose = world.camera_from_world[np.zeros(1, int)].after(world.panels.world_from_panel[[part.panel]])
+        pose = world.camera_from_world[np.zeros(1, int)].after(world.panels.world_from_panel[np.array([part.panel])])
         print_ = part.cells
         true = cells_in_pixels(
             world.interior.parameters, pose.R[0], pose.t_mm[0], print_.x_mm, print_.y_mm, print_.black

@@ -65,7 +65,7 @@ def ink_in_pixels(
     """
     lift = sheet.lift if sheet else lambda xy: np.column_stack([xy, np.zeros(len(xy))])
     places = (lift(xy) @ R.T + t_mm for xy in outline(radius_mm, word, bits, knots))
-    return _filled(*(through_lens(parameters, place) for place in places), margin_px)
+    return _filled([through_lens(parameters, place) for place in places], margin_px)
 
 
 def cells_in_pixels(
@@ -93,11 +93,12 @@ def cells_in_pixels(
     curves = np.concatenate([low[:, None] + size[:, None] * side for side in sides])
     parts = (curves[:, :-2:2], curves[:, 1::2], curves[:, 2::2])
     places = (np.column_stack([p.reshape(-1, 2), np.zeros(p.size // 2)]) @ R.T + t_mm for p in parts)
-    return _filled(*(through_lens(parameters, place) for place in places), margin_px)
+    return _filled([through_lens(parameters, place) for place in places], margin_px)
 
 
-def _filled(start: np.ndarray, middle: np.ndarray, end: np.ndarray, margin_px: int) -> Window:
-    """The window of outlines whose pieces have these starts, middles and ends (m, 2) in px."""
+def _filled(pieces_px: list[np.ndarray], margin_px: int) -> Window:
+    """The window of outlines whose pieces have these three: starts, middles and ends (m, 2)."""
+    start, middle, end = pieces_px
     low = np.floor(start.min(axis=0) + 0.5).astype(int) - margin_px
     columns, rows = np.floor(start.max(axis=0) + 0.5).astype(int) + margin_px + 1 - low
     corner = low - 0.5

@@ -42,7 +42,8 @@ def _asymmetric(xy_px: np.ndarray, diameter_px: np.ndarray, pattern: BoardPatter
     candidates = xy_px.astype(np.float32)[:, None]
     for how in (flags, flags | cv2.CALIB_CB_CLUSTERING):
         try:
-            found, centres = cv2.findCirclesGrid(
+            # Points instead of an image, and no blob detector: the grid alone is looked for.
+            found, centres = cv2.findCirclesGrid(  # type: ignore[call-overload]
                 candidates, (pattern.columns, pattern.rows), how, None, cv2.CirclesGridFinderParameters()
             )
         except cv2.error:

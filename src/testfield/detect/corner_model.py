@@ -1,10 +1,11 @@
 """The forward model of a corner: two straight edges that cross or meet, blurred, fitted to the raw pixels.
 
-A blurred pixel sees of the plane on one side of a line the normal distribution of its distance, and of a quadrant between
-two lines the bivariate normal distribution of both distances, whose correlation is the cosine between the lines' normals.
-Crossing edges (checkerboards) and an edge that turns (tags) are sums of these. Nine parameters a corner: its place, the
-lines' directions, blur, black, contrast, and the light's gradient, none of them known from elsewhere, so the covariance
-is that of a corner of which nothing else is known. The pixel's own area counts as part of the Gaussian blur.
+A blurred pixel sees of the plane on one side of a line the normal distribution of its distance, and of a quadrant
+between two lines the bivariate normal distribution of both distances, whose correlation is the cosine between the
+lines' normals. Crossing edges (checkerboards) and an edge that turns (tags) are sums of these. Nine parameters a
+corner: its place, the lines' directions, blur, black, contrast, and the light's gradient, none of them known from
+elsewhere, so the covariance is that of a corner of which nothing else is known. The pixel's own area counts as part
+of the Gaussian blur.
 """
 
 from dataclasses import dataclass
@@ -31,7 +32,7 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(10)
 @dataclass(frozen=True)
 class FittedCorners:
     """Measured corners, n rows: `xy_px` (n, 2), `cov_px2` (n, 2, 2), `contrast_dn` (n,), negative where crossing edges
-    have black where white was expected, `background_dn` (n,) level of white, `blur_px` (n,) sigma with the pixel's
+    have black where white was expected, `white_dn` (n,) level of white, `blur_px` (n,) sigma with the pixel's
     area, `chi2` (n,) misfit per degree of freedom, `misfit` (n,) rms residual beyond noise as a fraction of the
     contrast, `ok` (n,) whether it was measured."""
 
@@ -61,8 +62,8 @@ def fit_corners(
 ) -> FittedCorners:
     """Corners near (n, 2) px in an image (h, w).
 
-    `axes_px` (n, 2, 2) has as columns the directions of the two edges in the image, u and v. Where `crossing` (n,), both
-    go through the corner, and white is the quadrant between u and v and the one opposite; elsewhere the quadrant
+    `axes_px` (n, 2, 2) has as columns the directions of the two edges in the image, u and v. Where `crossing` (n,),
+    both go through the corner, and white is the quadrant between u and v and the one opposite; elsewhere the quadrant
     between u and v is black and all else white. `use` (n, k) which pixels of `offsets_px` around the nearest pixel may
     be used; those beyond the image's edge are not.
     """

@@ -68,7 +68,9 @@ class Observations:
     @staticmethod
     def beside(parts: list["Observations"]) -> "Observations":
         """One set from parts that share their stations."""
-        columns = {f.name: np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Observations)[1:-1]}
+        columns: dict[str, Any] = {
+            f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Observations)[1:-1]
+        }
         return replace(parts[0], **columns)
 
     def save(self, path: Path) -> None:

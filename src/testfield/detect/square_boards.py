@@ -68,9 +68,9 @@ class _Reader:
             settings = cv2.aruco.DetectorParameters()
             settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
             detector = cv2.aruco.ArucoDetector(dictionary(pattern.names), settings)
-            corners, numbers, _ = detector.detectMarkers(self.bytes)
-            found = np.zeros(0, int) if numbers is None else np.asarray(numbers).ravel().astype(int)
-            self.tags[pattern.names] = found, np.asarray(corners, float).reshape(-1, CORNERS_A_TAG, 2)
+            quads, read, _ = detector.detectMarkers(self.bytes)
+            found = np.zeros(0, int) if read is None else np.asarray(read).ravel().astype(int)
+            self.tags[pattern.names] = found, np.asarray(quads, float).reshape(-1, CORNERS_A_TAG, 2)
         numbers, corners = self.tags[pattern.names]
         once = np.isin(numbers, [k for k in np.unique(numbers) if (numbers == k).sum() == 1])
         mine = np.flatnonzero(once & np.isin(numbers, pattern.tags))
@@ -121,8 +121,9 @@ def _measure(
     points = pattern.points_mm
     # A corner is looked for where what is known lies next to it.
     gap = np.linalg.norm(points[:, None] - seen.board_mm[None], axis=2).min(axis=1)
-    next_to = {"charuco": (pattern.pitch_mm - pattern.mark_mm) / np.sqrt(2), "checkerboard": 0.0, "tags": 0.0}
-    point = np.flatnonzero(gap <= next_to[pattern.kind] + 1e-6 * pattern.pitch_mm)
+    between = pattern.pitch_mm - pattern.mark_mm
+    next_to = {"charuco": between / np.sqrt(2), "checkerboard": 0.0, "tags": between}[pattern.kind]
+    point = np.flatnonzero(gap <= next_to + 1e-6 * pattern.pitch_mm)
     maps = _local_maps(seen, points[point])
     if maps is None or len(point) == 0:
         return _observations(station)

@@ -6,8 +6,8 @@ from testfield.camera.project import directions
 from testfield.errors import TestfieldError
 from testfield.scene.bend import to_paper
 from testfield.scene.blur import blur_circles_px, streaks_px
-from testfield.scene.exposure import check_exposure
 from testfield.scene.check_patterns import check_patterns, pattern_warnings
+from testfield.scene.exposure import check_exposure
 from testfield.scene.meshes import inside
 from testfield.scene.schema import BoardPart, MeshPart, ScaleBarPart, SceneFile, SurfacePart
 from testfield.scene.truth import Views

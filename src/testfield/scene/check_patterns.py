@@ -20,7 +20,7 @@ def check_patterns(scene: SceneFile, world: World, source: str) -> None:
             continue
         size = tuple(sorted((pattern.columns, pattern.rows)))
         # A tag is known by its dictionary and number; what has no tags is known by its size alone.
-        names = [(pattern.names.upper(), int(tag)) for tag in pattern.tags] or [(pattern.kind, *size)]
+        names: list[tuple] = [(pattern.names.upper(), int(tag)) for tag in pattern.tags] or [(pattern.kind, *size)]
         for name in names:
             if name in owners:
                 what = f"tag {name[1]} of {name[0]}" if len(pattern.tags) else f"{pattern.kind} of the same size"
@@ -51,8 +51,8 @@ def pattern_warnings(world: World, views: Views, source: str) -> list[str]:
             turned = [world.station_name[s] for s in np.flatnonzero(seen & (first > last))]
             if turned:
                 warnings.append(
-                    f"{source}: the symmetric grid '{board.name}' is upside down in {', '.join(turned)}, where its dots "
-                    "will be named the wrong way round; turn the camera (roll_deg), or use an asymmetric grid"
+                    f"{source}: the symmetric grid '{board.name}' is upside down in {', '.join(turned)}, where its "
+                    "dots will be named the wrong way round; turn the camera (roll_deg), or use an asymmetric grid"
                 )
         if len(pattern.tags):
             px = np.where(views.visible[:, here] == 1, views.diameter_px[:, here], 0).max(initial=0)

@@ -26,13 +26,13 @@ class Views:
     """Truth of every mark in every station, in arrays (stations, marks).
 
     `centre_px` (.., 2) projection of the mark's centre; `disc_px` (.., 2) what a detector sees, the centre of area of
-    the dot's image, of a corner its projection; `diameter_px` of the circle of equal area; `obliquity_deg` angle between the mark's normal
-    and the line of sight; `visible` fraction, from 0 to 1, of the printed area that is in the image, faces the camera
-    and has nothing before it (as it stands in the middle of the exposure), 1 only where that holds for all points
-    looked at, those of the rim among them, times `clean`. `semi_axes_px` (.., 2) major and minor of the ellipse with
-    the second moments of the dot's image, `angle_deg` of its major axis from x to y, in (-90, 90]; `clean` (marks,)
-    part of the printed circle without dirt. Where things move, centres and discs are means over the exposure, and size
-    and shape are those of the middle of it.
+    the dot's image, of a corner its projection; `diameter_px` of the circle of equal area; `obliquity_deg` angle
+    between the mark's normal and the line of sight; `visible` fraction, from 0 to 1, of the printed area that is in
+    the image, faces the camera and has nothing before it (as it stands in the middle of the exposure), 1 only where
+    that holds for all points looked at, those of the rim among them, times `clean`. `semi_axes_px` (.., 2) major and
+    minor of the ellipse with the second moments of the dot's image, `angle_deg` of its major axis from x to y, in
+    (-90, 90]; `clean` (marks,) part of the printed circle without dirt. Where things move, centres and discs are
+    means over the exposure, and size and shape are those of the middle of it.
     """
 
     centre_px: np.ndarray

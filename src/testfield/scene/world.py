@@ -236,9 +236,10 @@ class World:
     `camera_from_world` (stations) poses, `interior` the true interior orientation, `psf_sigma_px` the optics' blur,
     `ambient_radiance` in W/(m^2 sr) from all around, `field` what the measuring side is told, `field_diagonal_mm` of
     the declared measuring volume, `meshes` bodies of other shapes than panels, `optics` depth of field, diffraction,
-    vignetting, `motion` while the shutter is open: the world is as it stands in the middle of the exposure; `dirt` the
-    spots on its panels; `prints` squares and tags, one at most on a panel. `point_lights`; `sky` in the place of `ambient_radiance`; `flash` of the camera; `retro`,
-    `gloss` and `luminous_radiance` say what the panels' inks of these kinds are like.
+    vignetting, `motion` while the shutter is open: the world is as it stands in the middle of the exposure; `dirt`
+    the spots on its panels; `prints` squares and tags, one at most on a panel. `point_lights`; `sky` in the place of
+    `ambient_radiance`; `flash` of the camera; `retro`, `gloss` and `luminous_radiance` say what the panels' inks of
+    these kinds are like.
     """
 
     name: str
