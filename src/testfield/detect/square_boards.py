@@ -23,6 +23,8 @@ GROSS_PX = 25.0
 CLEAR_PX, CLEAR_OF_BLUR = 1.8, 2.8
 """Nothing but the two edges may be printed within this distance of a pixel that is used, in px and in sigmas."""
 AROUND = 8
+CHECKERBOARD_TRIALS = 4
+"""OpenCV's checkerboard finder draws at random, and now and then it returns points that are no grid."""
 WORST_MISFIT = 0.05
 DISTURBED, DISTURBED_CHI2, UNUSUAL = 0.006, 2.0, 3.0
 """A corner is partly hidden or touched by something where its residual beyond noise exceeds the first, as a fraction of
@@ -88,10 +90,20 @@ class _Reader:
 
     def _checkerboard(self, pattern: BoardPattern) -> _Seen | None:
         size = (pattern.columns - 1, pattern.rows - 1)
-        found, corners = cv2.findChessboardCornersSB(self.bytes, size, flags=cv2.CALIB_CB_ACCURACY)
-        if not found:
+        for seed in range(CHECKERBOARD_TRIALS):
+            cv2.setRNGSeed(1 + seed)
+            found, corners = cv2.findChessboardCornersSB(self.bytes, size, flags=cv2.CALIB_CB_ACCURACY)
+            seen = self._turned(pattern, np.asarray(corners, float).reshape(-1, 2)) if found else None
+            if seen is not None:
+                return seen
+        return None
+
+    def _turned(self, pattern: BoardPattern, image: np.ndarray) -> _Seen | None:
+        """Corners (n, 2) px in OpenCV's order with their places on the board; None where they are no such board."""
+        board = pattern.points_mm
+        _, inside = cv2.findHomography(board, image, cv2.RANSAC, GROSS_PX)
+        if inside is None or not inside.all() or len(np.unique(image, axis=0)) < len(image):
             return None
-        board, image = pattern.points_mm, np.asarray(corners, float).reshape(-1, 2)
         # Any of the four corners may come first; a board seen from its front is not mirrored, and its squares show
         # which way up it is.
         for x, y in ((1, 1), (-1, -1), (-1, 1), (1, -1)):
