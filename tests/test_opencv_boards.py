@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from testfield.camera.images import Frame, Radiance
+from testfield.camera.photograph import Photograph
 from testfield.certify.geometry import STRIP_PX, judge_squares, render_squares, squared, strewn
 from testfield.certify.reference import cells_in_pixels
 from testfield.chain.run import Run, begin
@@ -18,6 +19,7 @@ from testfield.detect.corner_model import fit_corners, offsets_px
 from testfield.detect.detect import detect
 from testfield.detect.observations import MEASURED, Observations
 from testfield.detect.opencv_boards import detect_board, eight_bits
+from testfield.detect.photograph import detect_in_photograph
 from testfield.detect.target_spec import parse_target
 from testfield.errors import TestfieldError
 from testfield.render.fast import render_fast
@@ -243,6 +245,26 @@ def test_a_hidden_corner_is_turned_down_and_its_neighbours_are_not() -> None:
     status = dict(zip(found.point.tolist(), found.status.tolist(), strict=True))
     assert status[9] != MEASURED
     assert sum(value == MEASURED for value in status.values()) == 23
+
+
+@pytest.mark.parametrize(
+    ("pattern", "target"),
+    [
+        (CHARUCO, "charuco:7x5:DICT_4X4_50:40:30"),
+        (CHECKERBOARD, "checkerboard:7x4"),
+        (ARUCO, "aruco:DICT_4X4_50"),
+        (APRILTAG, "apriltag:36h11"),
+    ],
+)
+def test_corners_of_photographs_have_a_covariance_too(pattern: str, target: str) -> None:
+    world, frame = built(pattern), shots(pattern)[0]
+    photograph = Photograph("photo", frame.pixels_dn.astype(np.float32), 12, ())
+    found = detect_in_photograph(photograph, parse_target(target)).observations
+    true = see(world).centre_px[0]
+    error = found.xy_px - true[np.linalg.norm(found.xy_px[:, None] - true, axis=2).argmin(axis=1)]
+    assert np.isfinite(found.cov_px2).all()
+    nees = np.einsum("ni,nij,nj->n", error, np.linalg.inv(found.cov_px2), error)
+    assert 0.5 < nees.mean() / 2 < 1.6  # few corners, and noise that is only estimated
 
 
 def test_a_light_gradient_moves_no_corner() -> None:

@@ -1,6 +1,6 @@
 """Boards people own: ChArUco, ArUco, AprilTag, checkerboard and circle grids, by OpenCV's own detectors.
 
-They state no covariance. All coordinates have the centre of the top-left pixel at (0, 0).
+They state no covariance (`photo_corners.py` adds one). All coordinates have the centre of the top-left pixel at (0, 0).
 """
 
 from dataclasses import dataclass

@@ -63,7 +63,10 @@ class _Reader:
         self.tags: dict[str, tuple[np.ndarray, np.ndarray]] = {}
 
     def board(self, pattern: BoardPattern) -> _Seen | None:
-        return self._checkerboard(pattern) if pattern.kind == "checkerboard" else self._tags(pattern)
+        try:
+            return self._checkerboard(pattern) if pattern.kind == "checkerboard" else self._tags(pattern)
+        except cv2.error:  # of points on one line, for example
+            return None
 
     def _tags(self, pattern: BoardPattern) -> _Seen | None:
         if pattern.names not in self.tags:
@@ -141,7 +144,7 @@ def _measure(
         return _observations(station)
     xy, axes = maps
     height, width = image.shape
-    inside = ((xy > 1) & (xy < [width - 2, height - 2])).all(axis=1)
+    inside = ((xy > 1) & (xy < [width - 2, height - 2])).all(axis=1) & (np.abs(np.linalg.det(axes)) > 1e-12)
     point, xy, axes = point[inside], xy[inside], axes[inside]
     # The quadrant between u and v: of crossing edges a white one, of a tag its own black one.
     if pattern.kind == "tags":
@@ -222,7 +225,7 @@ def _clear_pixels(
 def _outline(pattern: BoardPattern, seen: _Seen) -> np.ndarray:
     """(4, 2) px of the corners of all that is printed."""
     H, _ = cv2.findHomography(seen.board_mm, seen.image_px)
-    return cv2.perspectiveTransform((SIDES * pattern.half_mm)[None], H)[0]
+    return np.zeros((4, 2)) if H is None else cv2.perspectiveTransform((SIDES * pattern.half_mm)[None], H)[0]
 
 
 def _observations(
