@@ -251,7 +251,7 @@ class RecognitionZone(_Part):
 class CharucoPart(_Part):
     """A ChArUco board: a checkerboard, black at its top left, with a tag in each white square."""
 
-    kind: Literal["charuco"]
+    kind: Literal["charuco"] = Field(description="A checkerboard with tags.")
     columns: int = Field(ge=2, le=100, description="Squares in x.")
     rows: int = Field(ge=2, le=100, description="Squares in y.")
     square_mm: PositiveFloat = Field(description="Side of a square.")
@@ -277,7 +277,7 @@ class CharucoPart(_Part):
 class CheckerboardPart(_Part):
     """A checkerboard, black at its top left. One of columns and rows is odd, or nobody could tell which way is up."""
 
-    kind: Literal["checkerboard"]
+    kind: Literal["checkerboard"] = Field(description="Squares alone.")
     columns: int = Field(ge=3, le=100, description="Squares in x.")
     rows: int = Field(ge=3, le=100, description="Squares in y.")
     square_mm: PositiveFloat = Field(description="Side of a square.")
@@ -299,7 +299,7 @@ class CheckerboardPart(_Part):
 class TagGridPart(_Part):
     """A grid of ArUco tags or AprilTags, whose outer corners are measured."""
 
-    kind: Literal["aruco", "apriltag"]
+    kind: Literal["aruco", "apriltag"] = Field(description="Tags in a grid.")
     columns: int = Field(ge=1, le=100, description="Tags in x.")
     rows: int = Field(ge=1, le=100, description="Tags in y.")
     marker_mm: PositiveFloat = Field(description="Side of a tag, its black border included.")
@@ -328,7 +328,7 @@ class TagGridPart(_Part):
 class CirclesPart(_Part):
     """A symmetric grid of plain dots. It looks the same upside down, so cameras must see it more or less upright."""
 
-    kind: Literal["circles"]
+    kind: Literal["circles"] = Field(description="A symmetric grid of dots.")
     columns: int = Field(ge=3, le=1000, description="Dots in x, more than rows.")
     rows: int = Field(ge=2, le=1000, description="Dots in y.")
     pitch_mm: PositiveFloat = Field(description="Distance of neighbouring dots.")
@@ -349,7 +349,7 @@ class CirclesPart(_Part):
 class AsymmetricCirclesPart(_Part):
     """An asymmetric grid of plain dots, as OpenCV counts it: every other row is shifted by `pitch_mm`."""
 
-    kind: Literal["acircles"]
+    kind: Literal["acircles"] = Field(description="An asymmetric grid of dots.")
     columns: int = Field(ge=2, le=1000, description="Dots in a row.")
     rows: int = Field(ge=3, le=1000, description="Rows, an odd number of them: of an even one nobody can tell the top.")
     pitch_mm: PositiveFloat = Field(description="Distance of rows, and half the distance of neighbours in a row.")
