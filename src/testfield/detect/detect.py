@@ -2,18 +2,21 @@
 
 from dataclasses import astuple, dataclass, replace
 
+import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
 from testfield.camera.images import Frame, InvertedSheet, SensorSheet
 from testfield.camera.mosaic import balanced
 from testfield.detect.centre import Centres
+from testfield.detect.circle_boards import name_circles
 from testfield.detect.contour import ROUGHLY, is_elliptic
 from testfield.detect.decode import CROWDED, CUT, PLAIN, UNREADABLE, decode
 from testfield.detect.find import find_blobs
 from testfield.detect.identify import identify
 from testfield.detect.observations import MEASURED, Observations
 from testfield.detect.screen import may_be_dots
+from testfield.detect.square_boards import detect_squares
 from testfield.registry import find
 from testfield.targets.field import Field
 from testfield.targets.marks import RingRadii
@@ -41,6 +44,9 @@ def detect(frame: Frame, field: Field, centroid: str, smallest_px: float) -> Obs
     `field` tells which code the rings carry, their polarity and what the boards look like; `centroid` names the
     estimator; dots of less than `smallest_px` are not looked for.
     """
+    squares, printed = detect_squares(frame, field)
+    if not field.loose and all(board.has_corners for board in field.boards):
+        return squares
     image, sheet = bright_marks(frame, field.white_on_black)
     targets = measure_targets(image, sheet, centroid, smallest_px, field.bits, field.radii)
     good = targets.status == MEASURED
@@ -48,7 +54,14 @@ def detect(frame: Frame, field: Field, centroid: str, smallest_px: float) -> Obs
     board, point = np.full(n, -1), np.full(n, -1)
     board[good], point[good], refused = identify(targets.xy_px[good], targets.code[good], targets.affine[good], field)
     targets.status[good] = np.where(refused == "", MEASURED, refused)
-    return targets.observations(frame.station, board, point)
+    plain = (targets.status == MEASURED) & (targets.code == PLAIN) & (board == -1)
+    for outline in printed:
+        inside = [cv2.pointPolygonTest(outline.astype(np.float32), xy, False) >= 0 for xy in targets.xy_px.tolist()]
+        targets.status[plain & inside] = "part of a tag or a square"
+    plain &= targets.status == MEASURED
+    named, number = name_circles(targets.xy_px, _diameter(targets.moments_px2), plain, field)
+    board, point = np.where(named >= 0, named, board), np.where(named >= 0, number, point)
+    return Observations.beside([targets.observations(frame.station, board, point), squares])
 
 
 @dataclass(frozen=True)
