@@ -85,9 +85,9 @@ def test_the_reference_agrees_with_points_traced_back_to_the_plane() -> None:
     assert abs(counted.sum() - window.values.sum()) < 1e-3 * window.values.sum()
 
 
-def test_the_quick_certificate_names_seven_figures() -> None:
+def test_the_quick_certificate_names_eight_figures() -> None:
     verdicts = certify_geometry(True, ENOUGH_CELLS)
-    assert len(verdicts) == len({verdict.name for verdict in verdicts}) == 7
+    assert len(verdicts) == len({verdict.name for verdict in verdicts}) == 8
     for verdict in verdicts:
         assert verdict.passed, verdict
 

@@ -101,6 +101,35 @@ def test_the_ellipse_model_beats_the_grey_centroid() -> None:
     assert rms["model"] < 0.8 * rms["grey"]
 
 
+@pytest.mark.parametrize("white_on_black", [True, False])
+def test_a_mosaic_is_measured_like_a_grey_image_and_says_its_own_uncertainty(white_on_black: bool) -> None:
+    from dataclasses import replace
+
+    from testfield.detect.detect import bright_marks
+    from testfield.sensor.patterns import filter_pattern
+
+    rng = np.random.default_rng(12)
+    colours = filter_pattern((64, 64), "RGGB", (0.5, 1.0, 0.65))
+    nees, taken_for_grey = [], []
+    for _ in range(80):
+        centre = 31.5 + rng.uniform(-0.5, 0.5, 2)
+        shape = disc(tuple(centre), (9, 7), 0.5, 0.7)
+        light = 300 + 6500 * (shape if white_on_black else 1 - shape)
+        dn = rng.poisson(light * colours) / 2.6 + 64 + 0.9 * rng.standard_normal(shape.shape)
+        for sheet in (replace(SHEET, bayer="RGGB"), SHEET):
+            image, noise = bright_marks(Frame("s", np.rint(dn).astype(np.uint16), sheet), white_on_black)
+            fit = ellipse_model(image, noise, np.rint(centre)[None], np.diag([81, 49])[None] / 4.0)
+            if not sheet.bayer:
+                taken_for_grey.append(fit.chi2[0])
+                continue
+            assert fit.ok[0]
+            assert 0.7 < fit.chi2[0] < 1.4
+            error = fit.xy_px[0] - centre
+            nees.append(error @ np.linalg.solve(fit.cov_px2[0], error) / 2)
+    assert 0.7 < np.mean(nees) < 1.4  # 160 degrees of freedom
+    assert not np.nanmedian(taken_for_grey) < 10  # a chequered image
+
+
 @pytest.mark.parametrize("image", ["black", "white", "noise", "tiny"])
 def test_nothing_to_see_gives_an_empty_result(quick: Run, image: str) -> None:
     rng = np.random.default_rng(1)

@@ -29,7 +29,8 @@ GROSS_PX = 25.0
 class Start:
     """A network with starting values, and what belongs to it.
 
-    `rows` (m,) which observations it uses; `radius_mm` (n,) of its points' discs; names of its `stations` and `boards`;
+    `rows` (m,) which observations it uses; `radius_mm` (n,) of its points' discs, 0 of corners; names of its `stations`
+    and `boards`;
     `graph` edges (station, board, marks); `gross` rows that were misread; `notes` for the reader.
     """
 
@@ -180,7 +181,7 @@ def _board_points(field: Field, boards: np.ndarray) -> _BoardPoints:
         np.vstack([np.column_stack([s.marks.xy_mm, np.zeros(len(s.marks))]) for s in sheets]),
         np.vstack([np.tile([s.u_xy_mm, s.u_xy_mm, s.u_z_mm], (len(s.marks), 1)) for s in sheets]),
         np.repeat(np.arange(len(sheets)), sizes),
-        np.concatenate([s.marks.diameter_mm / 2 for s in sheets]),
+        np.concatenate([np.zeros(len(s.marks)) if s.has_corners else s.marks.diameter_mm / 2 for s in sheets]),
     )
 
 

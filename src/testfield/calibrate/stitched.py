@@ -87,9 +87,13 @@ class _Discs:
                 network.interior, poses, np.ones((1, len(v)), bool), network.point_mm[[k]], self.radius_mm[[k]],
                 self.moments_px2[v][None],
             )[0]  # fmt: skip
-        poses, centre = network.stations[network.image], network.datum_mm()[network.point]
-        image = disc_image(network.interior, poses, centre, normals[network.point], self.radius_mm[network.point])
-        return image.centroid_px - project(network.interior, poses, centre)
+        offset = np.zeros((len(network.point), 2))
+        discs = np.flatnonzero(self.radius_mm[network.point] > 0)  # a corner is seen where it is
+        poses, point = network.stations[network.image[discs]], network.point[discs]
+        centre = network.datum_mm()[point]
+        image = disc_image(network.interior, poses, centre, normals[point], self.radius_mm[point])
+        offset[discs] = image.centroid_px - project(network.interior, poses, centre)
+        return offset
 
 
 def _settle(network: Network, discs: _Discs | None, start: Start) -> tuple[Adjustment, list[dict], list[str]]:

@@ -16,7 +16,8 @@ class SensorSheet:
     """What a sensor's data sheet tells a measuring person.
 
     `gain_e_per_dn` electrons a digital number, `read_noise_e` rms, `black_level_dn`, `bits` of the converter,
-    `full_well_e` at which a pixel saturates.
+    `full_well_e` at which a pixel saturates. `bayer` the colour filters of a mosaic (`mosaic.ORDERS`), none for a grey
+    sensor; `balance` by which the mosaic's four kinds of pixels were multiplied to be alike.
     """
 
     gain_e_per_dn: float
@@ -24,6 +25,8 @@ class SensorSheet:
     black_level_dn: float
     bits: int
     full_well_e: float = float("inf")
+    bayer: str | None = None
+    balance: tuple[float, ...] = (1.0,)
 
     @property
     def largest_dn(self) -> int:
@@ -33,12 +36,15 @@ class SensorSheet:
     @property
     def saturation_dn(self) -> float:
         """The level at which a pixel saturates, by its full well or by the converter."""
-        return min(float(self.largest_dn), self.black_level_dn + self.full_well_e / self.gain_e_per_dn)
+        top = min(self.largest_dn - self.black_level_dn, self.full_well_e / self.gain_e_per_dn)
+        return float(self.black_level_dn + min(self.balance) * top)
 
     def variance_dn2(self, mean_dn: np.ndarray) -> np.ndarray:
-        """Variance of a pixel of given mean: read noise, shot noise and quantisation, in DN squared."""
+        """Variance of a pixel of given mean: read noise, shot noise and quantisation, in DN squared; of a balanced
+        mosaic that of its four kinds on the average."""
         electrons = np.maximum(mean_dn - self.black_level_dn, 0) * self.gain_e_per_dn
-        return (self.read_noise_e**2 + electrons) / self.gain_e_per_dn**2 + 1 / 12
+        squares, gain = sum(g * g for g in self.balance) / len(self.balance), sum(self.balance) / len(self.balance)
+        return (squares * self.read_noise_e**2 + gain * electrons) / self.gain_e_per_dn**2 + squares / 12
 
 
 @dataclass(frozen=True)
@@ -80,7 +86,8 @@ class Frame:
         notes = path.with_suffix(".json")
         try:
             sheet = json.loads(notes.read_text())
-            return Frame(sheet.pop("station"), pixels, SensorSheet(**sheet))
+            station, balance = sheet.pop("station"), tuple(sheet.pop("balance", (1.0,)))
+            return Frame(station, pixels, SensorSheet(**sheet, balance=balance))
         except (ValueError, KeyError, TypeError) as error:
             raise TestfieldError(
                 f"no readable sensor sheet ({error})", str(notes), "expose again, or replace it"

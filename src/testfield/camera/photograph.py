@@ -7,11 +7,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from testfield.camera.mosaic import ORDERS, balanced
 from testfield.errors import TestfieldError
 
 MOST_MEGAPIXELS = 160
 """Larger images are refused before they are decoded: the largest single exposures have 151."""
-BAYER = ("RGGB", "BGGR", "GRBG", "GBRG")
 LUMA = (0.299, 0.587, 0.114)
 """Weights of red, green and blue in the grey image (ITU-R BT.601)."""
 FLOAT_TOP_DN = 50000.0
@@ -32,7 +32,7 @@ class Photograph:
 def read_photograph(path: Path, bayer: str | None = None) -> Photograph:
     """Read an image file of any kind: colour or grey, 8 to 16 bits or floating point, JPEG, PNG, TIFF, EXR and others.
 
-    `bayer` names the colour filters of a raw mosaic, beginning top left (`BAYER`). The image is not turned, whatever
+    `bayer` names the colour filters of a raw mosaic, beginning top left (`ORDERS`). The image is not turned, whatever
     the file says of the camera's attitude: the pixels keep the sensor's order.
 
     Raises `TestfieldError` where the file is absent, no image, or of more than `MOST_MEGAPIXELS`.
@@ -169,23 +169,9 @@ def _scaled(grey: np.ndarray, notes: list[str]) -> np.ndarray:
 
 
 def _balance(grey: np.ndarray, bayer: str, notes: list[str]) -> np.ndarray:
-    """A mosaic whose four kinds of pixels respond alike: each kind's ratio to the blocks' mean is taken out.
-
-    No pixel is interpolated, so edges stay where they are; what is coloured keeps a chequered pattern.
-    """
-    if bayer not in BAYER:
-        raise ValueError(f"no Bayer order is called '{bayer}'; choose one of {', '.join(BAYER)}")
-    h, w = (size // 2 * 2 for size in grey.shape)
-    kinds = [grey[r:h:2, c:w:2] for r in (0, 1) for c in (0, 1)]
-    if min(h, w) < 2:
-        return grey
-    mean = np.mean(kinds, axis=0)
-    bright = mean >= np.percentile(mean, 75)
-    out, gains = grey.copy(), []
-    for (r, c), kind, colour in zip(((0, 0), (0, 1), (1, 0), (1, 1)), kinds, bayer, strict=True):
-        gain = float(mean[bright].sum() / max(kind[bright].sum(), 1e-6))
-        gain = gain if 0.05 < gain < 20 else 1.0
-        out[r::2, c::2] *= gain
-        gains.append(f"{colour} {gain:.3f}")
-    notes.append(f"Bayer mosaic balanced by {', '.join(gains)}, not interpolated")
+    if bayer not in ORDERS:
+        raise ValueError(f"no Bayer order is called '{bayer}'; choose one of {', '.join(ORDERS)}")
+    out, gains = balanced(grey)
+    factors = ", ".join(f"{colour} {gain:.3f}" for colour, gain in zip(bayer, gains, strict=True))
+    notes.append(f"Bayer mosaic balanced by {factors}, not interpolated")
     return out

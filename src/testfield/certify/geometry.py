@@ -14,12 +14,13 @@ from testfield.camera.images import Radiance
 from testfield.camera.interior import Interior
 from testfield.camera.pose import Poses, rotation
 from testfield.camera.project import directions
-from testfield.certify.reference import Sheet, Window, ink_in_pixels
+from testfield.certify.reference import Sheet, Window, cells_in_pixels, ink_in_pixels
 from testfield.certify.verdict import Verdict
 from testfield.render.fast import render_fast
 from testfield.render.irradiance import Irradiance
 from testfield.render.stage import build_stage
-from testfield.scene.world import CHECK, Panels, TrueMarks, World
+from testfield.scene.world import CHECK, Panels, Print, TrueMarks, World
+from testfield.targets.board_pattern import Cells
 from testfield.targets.field import Field
 from testfield.targets.ring_code import code_words, word_of_number
 
@@ -40,6 +41,8 @@ DISTANCE_MM = 3000.0
 
 BENT_FOCAL_PX = 3478.0
 BENT_RADIUS_MM = (400.0, 20000.0)
+
+CELL_PX = (2.0, 12.0)
 
 RMS_LIMIT_PX, WORST_LIMIT_PX, VALUE_LIMIT = 2e-4, 1e-3, 5e-4
 
@@ -77,7 +80,55 @@ def certify_geometry(quick: bool, cells: int = CELLS) -> list[Verdict]:
         samples = [render_targets(strewn(focal_px, HEIGHT_PX), cells) for focal_px in LENSES]
     flat = [verdict for kind in (False, True) for verdict in judge(samples, kind)]
     height_px = STRIP_PX if quick else HEIGHT_PX
-    return [*flat, judge_bent(render_targets(bent(strewn(BENT_FOCAL_PX, height_px)), cells))]
+    squares = judge_squares(render_squares(squared(strewn(BENT_FOCAL_PX, height_px)), cells))
+    return [*flat, judge_bent(render_targets(bent(strewn(BENT_FOCAL_PX, height_px)), cells)), squares]
+
+
+def judge_squares(errors: np.ndarray) -> Verdict:
+    """The verdict on pixel values of squares and tags."""
+    how = (
+        f"{len(errors)} pixels that edges of random cells cross, {CELL_PX[0]:.0f} to {CELL_PX[1]:.0f} px wide, tilted "
+        f"up to {TILT_DEG:.0f} degrees, less exact area integrals; the contrast is 1"
+    )
+    rms = float(np.sqrt(np.mean(errors**2)))
+    return Verdict("geometry", "squares and tags: pixel values, rms", rms, VALUE_LIMIT, "1", how)
+
+
+def squared(world: World, seed: int = 1) -> World:
+    """The same panels with cells of random sizes and colours in the place of their targets."""
+    random = np.random.default_rng([seed, len(world.panels)])
+    depth_mm = world.camera_from_world[np.zeros(len(world.panels), int)].after(world.panels.world_from_panel).t_mm[:, 2]
+    prints = []
+    for k, mm_a_px in enumerate(depth_mm / world.interior.fx):
+        room = world.panels.size_mm[k] - 4 * mm_a_px
+        lines = []
+        for axis in (0, 1):
+            widths = mm_a_px * random.uniform(*CELL_PX, 64)
+            # Whole cells as far as there is room, the first of them at least.
+            inside = np.cumsum(widths) < room[axis]
+            ends = np.concatenate([[0.0], np.cumsum(widths)[inside] if inside.any() else [room[axis]]])
+            lines.append(ends - ends[-1] / 2)
+        black = random.random((len(lines[1]) - 1, len(lines[0]) - 1)) < 0.5
+        black[0, 0] = True
+        prints.append(Print(k, Cells(lines[0], lines[1], black)))
+    none = np.zeros(0, int)
+    marks = TrueMarks(none, np.zeros((0, 2)), np.zeros(0), none, none, none, none)
+    return replace(world, marks=marks, prints=tuple(prints))
+
+
+def render_squares(world: World, cells: int, alter: Callable[[World], World] = lambda world: world) -> np.ndarray:
+    """Errors of all pixels that edges of a world's prints cross, as parts of the contrast; `alter` as below."""
+    image = render_fast(build_stage(alter(world)), Irradiance.even(len(world.panels), np.pi), 0, cells)
+    errors = []
+    for part in world.prints:
+        pose = world.camera_from_world[np.zeros(1, int)].after(world.panels.world_from_panel[np.array([part.panel])])
+        print_ = part.cells
+        true = cells_in_pixels(
+            world.interior.parameters, pose.R[0], pose.t_mm[0], print_.x_mm, print_.y_mm, print_.black
+        )
+        crossed = (true.values > 1e-9) & (true.values < 1 - 1e-9)
+        errors.append((true.of(image.values) - true.values)[crossed])
+    return np.concatenate(errors)
 
 
 def judge_bent(sample: Sample) -> Verdict:

@@ -64,9 +64,41 @@ def ink_in_pixels(
     bent `sheet` that carries the target, `R` and `t_mm` lead from the frame of the sheet's middle.
     """
     lift = sheet.lift if sheet else lambda xy: np.column_stack([xy, np.zeros(len(xy))])
-    start, middle, end = (
-        through_lens(parameters, lift(xy) @ R.T + t_mm) for xy in outline(radius_mm, word, bits, knots)
-    )
+    places = (lift(xy) @ R.T + t_mm for xy in outline(radius_mm, word, bits, knots))
+    return _filled([through_lens(parameters, place) for place in places], margin_px)
+
+
+def cells_in_pixels(
+    parameters: np.ndarray,
+    R: np.ndarray,
+    t_mm: np.ndarray,
+    x_mm: np.ndarray,
+    y_mm: np.ndarray,
+    black: np.ndarray,
+    margin_px: int = 2,
+    pieces: int = 128,
+) -> Window:
+    """The same for a print of rectangular cells: `black` (r, c) between lines `x_mm` (c + 1,) and `y_mm` (r + 1,).
+
+    Each cell's outline is followed by itself; what two of them share is followed both ways and adds nothing. `pieces`
+    to each side.
+    """
+    along = np.linspace(0, 1, 2 * pieces + 1)
+    up, down = along, along[::-1]
+    none, full = np.zeros_like(along), np.ones_like(along)
+    sides = [np.column_stack(side) for side in ((up, none), (full, up), (down, full), (none, down))]
+    row, column = np.nonzero(black)
+    low = np.column_stack([x_mm[column], y_mm[row]])
+    size = np.column_stack([x_mm[column + 1], y_mm[row + 1]]) - low
+    curves = np.concatenate([low[:, None] + size[:, None] * side for side in sides])
+    parts = (curves[:, :-2:2], curves[:, 1::2], curves[:, 2::2])
+    places = (np.column_stack([p.reshape(-1, 2), np.zeros(p.size // 2)]) @ R.T + t_mm for p in parts)
+    return _filled([through_lens(parameters, place) for place in places], margin_px)
+
+
+def _filled(pieces_px: list[np.ndarray], margin_px: int) -> Window:
+    """The window of outlines whose pieces have these three: starts, middles and ends (m, 2)."""
+    start, middle, end = pieces_px
     low = np.floor(start.min(axis=0) + 0.5).astype(int) - margin_px
     columns, rows = np.floor(start.max(axis=0) + 0.5).astype(int) + margin_px + 1 - low
     corner = low - 0.5

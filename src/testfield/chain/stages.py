@@ -27,7 +27,7 @@ def render(run: Run) -> Made:
     world, settings = run.world, run.scene.render
     renderers = ("view", "irradiance", "stage")
     code = code_digest(*[f"testfield.render.{name}" for name in renderers], "testfield.seeds")
-    shapes = (world.panels, world.marks, world.dirt, world.field.bits, world.meshes)
+    shapes = (world.panels, world.marks, world.dirt, world.prints, world.field.bits, world.meshes)
     materials = (world.retro, world.gloss, world.luminous_radiance)
     lights = (world.lights, world.point_lights, world.ambient_radiance, world.sky)
     surroundings = (shapes, lights, materials)

@@ -56,7 +56,8 @@ def _photographs(args: argparse.Namespace) -> int:
     import sys
     from dataclasses import replace
 
-    from testfield.camera.photograph import BAYER, Photograph, read_photograph
+    from testfield.camera.mosaic import ORDERS
+    from testfield.camera.photograph import Photograph, read_photograph
     from testfield.chain.files import disk_errors
     from testfield.detect.photograph import Found, detect_in_photograph
     from testfield.detect.target_spec import parse_target
@@ -64,8 +65,10 @@ def _photographs(args: argparse.Namespace) -> int:
     from testfield.report.photograph import draw_found, write_found
 
     target = parse_target(args.target)
-    if args.bayer is not None and args.bayer not in BAYER:
-        raise TestfieldError(f"no Bayer order is called '{args.bayer}'", "--bayer", f"choose one of {', '.join(BAYER)}")
+    if args.bayer is not None and args.bayer not in ORDERS:
+        raise TestfieldError(
+            f"no Bayer order is called '{args.bayer}'", "--bayer", f"choose one of {', '.join(ORDERS)}"
+        )
     if not 2 <= args.smallest_px <= 200:
         raise TestfieldError(f"value {args.smallest_px}", "--smallest-px", "give 2 to 200")
     out = args.out or Path("renders/detect")

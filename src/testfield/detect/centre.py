@@ -67,21 +67,33 @@ def windows(
 
     A window may reach over the image's edge; a target near it is measured from the pixels there are.
     """
-    height, width = image.shape
-    corner = np.rint(xy_px).astype(np.int32)
-    for size in np.unique(half):
-        rows = np.flatnonzero(half == size)
+    for part, size in batches(half, most):
+        middle = np.rint(xy_px[part]).astype(np.int32)
+        values, inside = cut_out(image, middle, size)
         offset = np.arange(-size, size + 1, dtype=np.int32)
         dy, dx = (g.ravel() for g in np.meshgrid(offset, offset, indexing="ij"))
-        batch = max(1, min(most, MOST_PIXELS // len(dx)))
+        yield part, values.astype(np.float64), middle[:, :1] + dx, middle[:, 1:] + dy, inside
+
+
+def batches(half: np.ndarray, most: int) -> Iterator[tuple[np.ndarray, int]]:
+    """At most `most` rows whose windows have the same half-width, and that half-width."""
+    for size in np.unique(half):
+        rows = np.flatnonzero(half == size)
+        batch = max(1, min(most, MOST_PIXELS // (2 * size + 1) ** 2))
         for start in range(0, len(rows), batch):
-            part = rows[start : start + batch]
-            x, y = corner[part, :1] + dx, corner[part, 1:] + dy
-            middle = corner[part]
-            if np.all((middle >= size) & (middle < [width - size, height - size])):
-                first = middle[:, :1].astype(np.int64) + middle[:, 1:].astype(np.int64) * width
-                values, inside = image.ravel().take(first + (dx + dy.astype(np.int64) * width)), np.ones(x.shape, bool)
-            else:
-                inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
-                values = image[y.clip(0, height - 1), x.clip(0, width - 1)]
-            yield part, values.astype(np.float64), x, y, inside
+            yield rows[start : start + batch], int(size)
+
+
+def cut_out(image: np.ndarray, middle: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
+    """Pixels (m, k) of square windows of half-width `size` about pixels (m, 2), and which of them exist."""
+    height, width = image.shape
+    side = 2 * size + 1
+    if np.all((middle >= size) & (middle < [width - size, height - size])):
+        view = np.lib.stride_tricks.sliding_window_view(image, (side, side))
+        values = view[middle[:, 1] - size, middle[:, 0] - size].reshape(-1, side * side)
+        return values, np.ones(values.shape, bool)
+    offset = np.arange(-size, size + 1, dtype=np.int32)
+    dy, dx = (g.ravel() for g in np.meshgrid(offset, offset, indexing="ij"))
+    x, y = middle[:, :1] + dx, middle[:, 1:] + dy
+    inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
+    return image[y.clip(0, height - 1), x.clip(0, width - 1)], inside

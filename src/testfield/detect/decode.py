@@ -1,5 +1,8 @@
 """Read what surrounds a dot: nothing, a ring code, or something that makes it no target."""
 
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+
 import numpy as np
 
 from testfield.detect.screen import half_axes_of, polar
@@ -9,7 +12,8 @@ from testfield.targets.ring_code import number_of_word, smallest_rotation
 PLAIN, UNREADABLE, CROWDED, CUT = 0, -1, -2, -3
 """What `decode` says instead of a number: a plain dot; a ring that cannot be read; surroundings that are no target's;
 a ring of which the image shows only a part."""
-SAMPLES_A_SEGMENT = 16
+SAMPLES_A_SEGMENT, TO_SEE = 16, 4
+"""How densely a ring is sampled to read it, and to see whether there is one."""
 ACROSS = (0.3, 0.5, 0.7)
 """Where the ring is sampled, from its inner to its outer edge."""
 DOT, RAYS, STEEPEST = (0.3, 0.6), 32, 0.3
@@ -23,6 +27,8 @@ WORST_PROFILE = 0.16
 the ring's contrast: where something hides a part of the ring, the edge it makes is seldom one of the code's."""
 MISPLACED, MISPLACED_PX = 0.15, 0.35
 """How far the end of a bright part may lie from the end of a segment, in segments and pixels together."""
+BATCH = 256
+"""Dots at a time: what is sampled about them then stays in the processor's cache."""
 BLURS = (0.06, 0.15, 0.25, 0.36)
 """Blurs that are tried for the levels along the ring, in segments."""
 
@@ -42,39 +48,103 @@ def decode(
     target's plane (x right, y up, in dot radii; the code's first segment begins at +x) to px, NaN where there is no
     code or its word repeats itself and leaves the turn open.
     """
-    if len(xy_px) == 0:
-        return np.zeros(0, int), np.zeros((0, 2, 2))
-    circle = half_axes_of(moments_px2)
-    middle_of_gap = (1 + radii.inner) / 2
-    ground, contrast = _light(image_dn, xy_px, circle, contrast_dn, background_dn, middle_of_gap)
+    code, affine = np.full(len(xy_px), PLAIN), np.full((len(xy_px), 2, 2), np.nan)
 
-    def levels(radius: float, count: int) -> np.ndarray:
+    def read(rows: slice) -> None:
+        surroundings = _surroundings(
+            image_dn, xy_px[rows], moments_px2[rows], contrast_dn[rows], background_dn[rows], radii
+        )
+        code[rows], affine[rows] = _decode(surroundings, bits)
+
+    with ThreadPoolExecutor(2) as pool:
+        list(pool.map(read, (slice(start, start + BATCH) for start in range(0, len(xy_px), BATCH))))
+    return code, affine
+
+
+@dataclass(frozen=True)
+class _Surroundings:
+    """The image about n dots, seen in units of their contrast: `xy_px` (n, 2), `circle` (n, 2, 2) half-axes, `ground`
+    and `contrast` (n, 3) planes as `_light` gives them."""
+
+    image_dn: np.ndarray
+    xy_px: np.ndarray
+    circle: np.ndarray
+    ground: np.ndarray
+    contrast: np.ndarray
+    radii: RingRadii
+
+    def only(self, mask: np.ndarray) -> "_Surroundings":
+        return replace(
+            self,
+            xy_px=self.xy_px[mask],
+            circle=self.circle[mask],
+            ground=self.ground[mask],
+            contrast=self.contrast[mask],
+        )
+
+    def levels(self, radius: float, count: int) -> np.ndarray:
         """(n, count) levels at equal angles, clockwise in the image; 0 ground, 1 as bright as the dot would be here."""
-        values = polar(image_dn, xy_px, circle, radius, count)
-        return (values - _at(ground, radius, count)) / np.maximum(_at(contrast, radius, count), 0.25 * contrast[:, :1])
+        values = polar(self.image_dn, self.xy_px, self.circle, radius, count)
+        contrast = np.maximum(_at(self.contrast, radius, count), np.float32(0.25) * self.contrast[:, :1])
+        return (values - _at(self.ground, radius, count)) / contrast
 
-    count = bits * SAMPLES_A_SEGMENT
-    with np.errstate(invalid="ignore"):
-        gap = levels(middle_of_gap, 32)
-        isolated = ~(gap > 0.5).any(axis=1) & (np.nan_to_num(np.abs(gap)).mean(axis=1) < 0.25)
-        rings = np.stack([levels(radii.inner + a * (radii.outer - radii.inner), count) for a in ACROSS])
-        ring = rings.mean(axis=0)
-        outside = levels(radii.outer + 0.4, count)
-        seen = ~np.isnan(ring)
-        # What is bright beyond the ring too belongs to a neighbour.
-        bright = (ring > 0.5) & ~(outside > 0.5)
+    def rings(self, count: int) -> np.ndarray:
+        """(r, n, count) levels on several circles between the ring's edges."""
+        inner, outer = self.radii.inner, self.radii.outer
+        return np.stack([self.levels(inner + a * (outer - inner), count) for a in ACROSS])
+
+    def bright(self, ring: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Where the ring (n, count) is bright, and whether it is quiet beyond it (n,). What is bright beyond the ring
+        too belongs to a neighbour."""
+        outside = self.levels(self.radii.outer + 0.4, ring.shape[1])
         quiet = (np.abs(np.nan_to_num(outside)) < 0.5).mean(axis=1) > 0.85
-    # A code has two opposite segments that are bright: half of the ring is enough to see that there is none.
-    plain = (bright.sum(axis=1) < 0.7 * SAMPLES_A_SEGMENT) & (seen.mean(axis=1) > 0.5 + 1 / bits)
-    shortest_px = np.sqrt(4 * np.linalg.eigvalsh(moments_px2)[:, 0]) * np.pi * (radii.inner + radii.outer) / bits
+        return (ring > 0.5) & ~(outside > 0.5), quiet
+
+
+def _surroundings(
+    image_dn: np.ndarray,
+    xy_px: np.ndarray,
+    moments_px2: np.ndarray,
+    contrast_dn: np.ndarray,
+    background_dn: np.ndarray,
+    radii: RingRadii,
+) -> _Surroundings:
+    circle = half_axes_of(moments_px2)
+    light = _light(image_dn, xy_px, circle, contrast_dn, background_dn, (1 + radii.inner) / 2)
+    ground, contrast = (plane.astype(np.float32) for plane in light)
+    return _Surroundings(image_dn, xy_px, circle, ground, contrast, radii)
+
+
+def _decode(seen_from: _Surroundings, bits: int) -> tuple[np.ndarray, np.ndarray]:
+    n = len(seen_from.xy_px)
+    code, affine = np.full(n, CROWDED), np.full((n, 2, 2), np.nan)
+    with np.errstate(invalid="ignore"):
+        gap = seen_from.levels((1 + seen_from.radii.inner) / 2, 32)
+        isolated = np.flatnonzero(~(gap > 0.5).any(axis=1) & (np.nan_to_num(np.abs(gap)).mean(axis=1) < 0.25))
+        # A code has two opposite segments that are bright: half of the ring is enough to see that there is none.
+        near = seen_from.only(isolated)
+        ring = near.rings(bits * TO_SEE).mean(axis=0)
+        bright, _ = near.bright(ring)
+        plain = (bright.sum(axis=1) < 0.7 * TO_SEE) & ((~np.isnan(ring)).mean(axis=1) > 0.5 + 1 / bits)
+    code[isolated[plain]] = PLAIN
+    ringed = isolated[~plain]
+    if len(ringed):
+        code[ringed], affine[ringed] = _decode_rings(near.only(~plain), bits)
+    return code, affine
+
+
+def _decode_rings(seen_from: _Surroundings, bits: int) -> tuple[np.ndarray, np.ndarray]:
+    with np.errstate(invalid="ignore"):
+        rings = seen_from.rings(bits * SAMPLES_A_SEGMENT)
+        ring = rings.mean(axis=0)
+        _, quiet = seen_from.bright(ring)
+    circle, radii = seen_from.circle, seen_from.radii
+    shortest_px = np.linalg.norm(circle, ord=-2, axis=(1, 2)) * np.pi * (radii.inner + radii.outer) / bits
     words, trust, phase = _read(np.nan_to_num(ring), bits)
     trust &= _ends_agree(np.nan_to_num(rings), words, phase, bits, MISPLACED + MISPLACED_PX / shortest_px)
     number = number_of_word(words, bits)
-
     code = np.where((number > 0) & trust & quiet, number, UNREADABLE)
-    code = np.where(seen.all(axis=1), code, CUT)
-    code = np.where(plain, PLAIN, code)
-    code = np.where(isolated, code, CROWDED)
+    code = np.where(np.isnan(ring).any(axis=1), CUT, code)
     turn = phase + 2 * np.pi / bits * _first_segment(words, bits)
     c, s = np.cos(turn), np.sin(turn)
     upright = np.stack([np.stack([c, s], -1), np.stack([s, -c], -1)], -2)  # rotation after turning y up into y down
@@ -139,7 +209,8 @@ def _light(
 
 def _at(plane: np.ndarray, radius: float, count: int) -> np.ndarray:
     """(n, count) values of planes on the circle of relative `radius`."""
-    return plane[:, :1] + radius * plane[:, 1:] @ _directions(count).T
+    x, y = (radius * _directions(count)).astype(plane.dtype).T
+    return plane[:, :1] + plane[:, 1:2] * x + plane[:, 2:] * y
 
 
 def _directions(count: int) -> np.ndarray:
@@ -159,12 +230,13 @@ def _read(ring: np.ndarray, bits: int) -> tuple[np.ndarray, np.ndarray, np.ndarr
     """At the phase where the segments are clearest: words (n,), whether they explain the levels (n,), and the angle
     at which the first segment begins. `ring` (n, bits * SAMPLES_A_SEGMENT) levels, 0 dark, 1 as bright as the dot."""
     n, k = len(ring), SAMPLES_A_SEGMENT
-    shifted = np.stack([np.roll(ring, -phase, axis=1) for phase in range(k)], axis=1).reshape(n, k, bits, k)
-    inner = shifted[..., k // 4 : k - k // 4]
-    level = inner.mean(axis=-1)
-    noise = 2 * shifted.var(axis=-1).sum(axis=-1)  # of whole segments: least where they begin and end as the ring's do
-    best = np.argmax(np.abs(level - 0.5).sum(axis=-1) - noise, axis=1)
-    level, profile = level[np.arange(n), best], shifted[np.arange(n), best].reshape(n, -1)
+    # Sums over the samples that begin at each place along the ring: of all phases at once.
+    level = _boxes(np.roll(ring, -(k // 4), axis=1), k // 2).reshape(n, bits, k) / (k // 2)
+    mean, square = (_boxes(values, k).reshape(n, bits, k) / k for values in (ring, ring * ring))
+    noise = 2 * (square - mean**2).sum(axis=1)  # of whole segments: least where they begin and end as the ring's do
+    best = np.argmax(np.abs(level - 0.5).sum(axis=1) - noise, axis=1)
+    level = level[np.arange(n), :, best]
+    profile = np.take_along_axis(ring, (best[:, None] + np.arange(bits * k)) % (bits * k), axis=1)
 
     # The ring may be brighter or darker than the dot: it has its own middle.
     top = np.clip(np.sort(level, axis=1)[:, -2:].mean(axis=1), 0, 3)
@@ -173,18 +245,30 @@ def _read(ring: np.ndarray, bits: int) -> tuple[np.ndarray, np.ndarray, np.ndarr
     words = (word_bits @ (1 << np.arange(bits - 1, -1, -1))).astype(np.uint32)
     margin = np.abs(level - middle[:, None]).min(axis=1)
 
-    expected = np.repeat(word_bits.astype(float), k, axis=1)
     # Near a segment's ends a slightly wrong ellipse or perspective is felt; what hides a ring ends anywhere.
     within = np.tile((np.arange(k) >= k // 5) & (np.arange(k) < k - k // 5), bits)
-    spectrum, wave = np.fft.rfft(expected, axis=1), np.arange(expected.shape[1] // 2 + 1)
+    p = profile[:, within]
+    p = p - p.mean(axis=1, keepdims=True)
     error, contrast = np.full(n, np.inf), np.zeros(n)
     for blur in BLURS:
-        smooth = np.fft.irfft(spectrum * np.exp(-2 * (np.pi * wave * blur / bits) ** 2), expected.shape[1], axis=1)
-        s, p = smooth[:, within], profile[:, within]
-        s, p = s - s.mean(axis=1, keepdims=True), p - p.mean(axis=1, keepdims=True)
+        s = word_bits @ _blurred_segments(bits, blur)[:, within]
+        s = s - s.mean(axis=1, keepdims=True)
         slope = (s * p).sum(axis=1) / np.maximum((s * s).sum(axis=1), 1e-9)
         rms = np.sqrt(np.mean((p - slope[:, None] * s) ** 2, axis=1))
         better = rms < error
         error, contrast = np.where(better, rms, error), np.where(better, slope, contrast)
     trust = (contrast > LEAST_LEVEL) & (margin > CLEAR * contrast) & (error < WORST_PROFILE * contrast)
     return words, trust, 2 * np.pi * best / (bits * k)
+
+
+def _boxes(ring: np.ndarray, width: int) -> np.ndarray:
+    """(n, m) sums of `width` samples from each on, around a ring (n, m)."""
+    sums = np.cumsum(np.concatenate([np.zeros_like(ring[:, :1]), ring, ring[:, :width]], axis=1), axis=1)
+    return sums[:, width:-1] - sums[:, : -width - 1]
+
+
+def _blurred_segments(bits: int, blur: float) -> np.ndarray:
+    """(bits, bits * SAMPLES_A_SEGMENT) levels along a ring of which only one segment is bright, for each segment."""
+    k, wave = SAMPLES_A_SEGMENT, np.arange(bits * SAMPLES_A_SEGMENT // 2 + 1)
+    spectrum = np.fft.rfft(np.repeat(np.eye(bits), k, axis=1), axis=1)
+    return np.fft.irfft(spectrum * np.exp(-2 * (np.pi * wave * blur / bits) ** 2), bits * k, axis=1)

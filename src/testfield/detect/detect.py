@@ -1,17 +1,22 @@
 """One frame to its observations: find, centre, decode, identify."""
 
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 
+import cv2
 import numpy as np
+from scipy.spatial import cKDTree
 
 from testfield.camera.images import Frame, InvertedSheet, SensorSheet
+from testfield.camera.mosaic import balanced
 from testfield.detect.centre import Centres
+from testfield.detect.circle_boards import name_circles
 from testfield.detect.contour import ROUGHLY, is_elliptic
 from testfield.detect.decode import CROWDED, CUT, PLAIN, UNREADABLE, decode
 from testfield.detect.find import find_blobs
 from testfield.detect.identify import identify
 from testfield.detect.observations import MEASURED, Observations
 from testfield.detect.screen import may_be_dots
+from testfield.detect.square_boards import detect_squares
 from testfield.registry import find
 from testfield.targets.field import Field
 from testfield.targets.marks import RingRadii
@@ -39,6 +44,9 @@ def detect(frame: Frame, field: Field, centroid: str, smallest_px: float) -> Obs
     `field` tells which code the rings carry, their polarity and what the boards look like; `centroid` names the
     estimator; dots of less than `smallest_px` are not looked for.
     """
+    squares, printed = detect_squares(frame, field)
+    if not field.loose and all(board.has_corners for board in field.boards):
+        return squares
     image, sheet = bright_marks(frame, field.white_on_black)
     targets = measure_targets(image, sheet, centroid, smallest_px, field.bits, field.radii)
     good = targets.status == MEASURED
@@ -46,7 +54,14 @@ def detect(frame: Frame, field: Field, centroid: str, smallest_px: float) -> Obs
     board, point = np.full(n, -1), np.full(n, -1)
     board[good], point[good], refused = identify(targets.xy_px[good], targets.code[good], targets.affine[good], field)
     targets.status[good] = np.where(refused == "", MEASURED, refused)
-    return targets.observations(frame.station, board, point)
+    plain = (targets.status == MEASURED) & (targets.code == PLAIN) & (board == -1)
+    for outline in printed:
+        inside = [cv2.pointPolygonTest(outline.astype(np.float32), xy, False) >= 0 for xy in targets.xy_px.tolist()]
+        targets.status[plain & inside] = "part of a tag or a square"
+    plain &= targets.status == MEASURED
+    named, number = name_circles(targets.xy_px, _diameter(targets.moments_px2), plain, field)
+    board, point = np.where(named >= 0, named, board), np.where(named >= 0, number, point)
+    return Observations.beside([targets.observations(frame.station, board, point), squares])
 
 
 @dataclass(frozen=True)
@@ -179,10 +194,13 @@ def _full(centres: Centres, sheet: SensorSheet) -> np.ndarray:
 
 def bright_marks(frame: Frame, white_on_black: bool) -> tuple[np.ndarray, SensorSheet]:
     """The frame as float32 with bright marks, and the sheet that describes its noise."""
-    image = frame.pixels_dn.astype(np.float32)
+    image, sheet = frame.pixels_dn.astype(np.float32), frame.sheet
+    if sheet.bayer:
+        image, gains = balanced(image, sheet.black_level_dn)
+        sheet = replace(sheet, balance=gains)
     if white_on_black:
-        return image, frame.sheet
-    inverted = InvertedSheet(*astuple(frame.sheet))
+        return image, sheet
+    inverted = InvertedSheet(*astuple(sheet))
     return inverted.largest_dn - image, inverted
 
 
@@ -191,7 +209,14 @@ def _drop_ring_parts(
 ) -> None:
     """A segment of a ring may look like a dot: whatever lies on the ring of a decoded target is part of it."""
     dots = np.flatnonzero((code <= 0) & np.isfinite(xy).all(axis=1))
-    for k in np.flatnonzero(code > 0):
-        d = xy[dots] - xy[k]
-        q = np.sqrt(np.einsum("ni,ij,nj->n", d, np.linalg.inv(4 * moments[k]), d))
-        status[dots[(q > 1.2) & (q < radii.outer + 0.4)]] = "part of a ring"
+    rings = np.flatnonzero(code > 0)
+    if len(dots) == 0 or len(rings) == 0:
+        return
+    end = radii.outer + 0.4
+    reach = 2 * end * np.sqrt(np.linalg.eigvalsh(moments[rings])[:, 1])
+    near = cKDTree(xy[dots]).query_ball_point(xy[rings], reach)
+    ring = np.repeat(rings, [len(those) for those in near])
+    dot = dots[np.concatenate(near).astype(int)]
+    d = xy[dot] - xy[ring]
+    q = np.sqrt(np.einsum("ni,nij,nj->n", d, np.linalg.inv(4 * moments[ring]), d))
+    status[dot[(q > 1.2) & (q < end)]] = "part of a ring"

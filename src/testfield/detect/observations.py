@@ -15,12 +15,13 @@ MEASURED = "measured"
 class Observations:
     """All observations of a run, as a structure of n rows.
 
-    `stations` names; `station` (n,) index into it; `xy_px` (n, 2) centre of the dot's image, `cov_px2` (n, 2, 2) its
-    covariance; `moments_px2` (n, 2, 2) second moments of the dot's area, that is a quarter of its squared half-axes;
+    `stations` names; `station` (n,) index into it; `xy_px` (n, 2) centre of the dot's image, or a corner of a board
+    whose sheet lists corners; `cov_px2` (n, 2, 2) its covariance; `moments_px2` (n, 2, 2) second moments of the dot's
+    area, that is a quarter of its squared half-axes, or of the circle around a corner in which nothing else is printed;
     `code` (n,) the ring's number, 0 for a plain dot; `board`, `point` (n,) which mark of which board's sheet, -1 for
     none; `chi2` (n,) misfit of the dot's model per degree of freedom; `status` (n,) `measured` or why not.
-    `centre_of_disc` tells what `xy_px` is: True, the centre of area of the dot's image; False, the projection of
-    the mark's centre, as corners or synthetic points give it.
+    `centre_of_disc` tells what the `xy_px` of a dot is: True, the centre of area of the dot's image; False, the
+    projection of the mark's centre, as synthetic points give it. A corner is always the projection of the corner.
     """
 
     stations: tuple[str, ...]
@@ -63,6 +64,14 @@ class Observations:
                 values = [np.full(len(part), k) for k, part in enumerate(parts)]
             columns[f.name] = np.concatenate(values)
         return replace(parts[0], stations=stations, **columns)
+
+    @staticmethod
+    def beside(parts: list["Observations"]) -> "Observations":
+        """One set from parts that share their stations."""
+        columns: dict[str, Any] = {
+            f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Observations)[1:-1]
+        }
+        return replace(parts[0], **columns)
 
     def save(self, path: Path) -> None:
         """Write as Parquet, one row an observation; matrices as their columns."""

@@ -1,6 +1,6 @@
 """Boards people own: ChArUco, ArUco, AprilTag, checkerboard and circle grids, by OpenCV's own detectors.
 
-They state no covariance. All coordinates have the centre of the top-left pixel at (0, 0).
+They state no covariance (`photo_corners.py` adds one). All coordinates have the centre of the top-left pixel at (0, 0).
 """
 
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ def detect_board(pixels: np.ndarray, spec: TargetSpec) -> Corners:
 
     Raises `TestfieldError` where the dictionary is unknown.
     """
-    image = _eight_bits(pixels)
+    image = eight_bits(pixels)
     if min(image.shape) < 8:
         return _empty()
     find = {
@@ -126,7 +126,7 @@ def _empty(notes: tuple[str, ...] = ()) -> Corners:
     return Corners(np.zeros((0, 2)), none, none, np.zeros((0, 2), int), notes=notes)
 
 
-def _eight_bits(pixels: np.ndarray) -> np.ndarray:
+def eight_bits(pixels: np.ndarray) -> np.ndarray:
     """OpenCV's detectors take bytes: black to the brightest pixels but one in a thousand."""
     low, high = float(pixels.min()), float(np.percentile(pixels, 99.9))
     return np.clip((pixels - low) * (255 / max(high - low, 1e-6)), 0, 255).astype(np.uint8)

@@ -32,8 +32,7 @@ def may_be_dots(
     inner, inside = (polar(image_dn, xy, half_axes, radius, RAYS) for radius in INSIDE)
     known = ~np.isnan(rim)
     rim[~known.any(axis=1)] = inner[np.isnan(inner).all(axis=1)] = 0  # out of the image altogether
-    ground = np.nanmedian(rim, axis=1, keepdims=True)
-    middle = np.nanmedian(inner, axis=1, keepdims=True)
+    ground, middle = median_known(rim), median_known(inner)
     step = middle - ground
     doubt = 3 * noise[:, None]
     with np.errstate(invalid="ignore"):
@@ -55,18 +54,25 @@ def polar(image: np.ndarray, xy_px: np.ndarray, half_axes: np.ndarray, radius: f
     """(n, count) bilinear values on the ellipses of relative `radius`, at equal angles clockwise in the image (the
     first half a step from +x); NaN outside the image."""
     angle = 2 * np.pi * (np.arange(count) + 0.5) / count
-    circle = radius * np.stack([np.cos(angle), np.sin(angle)])
-    along_x, along_y = half_axes[:, 0] @ circle, half_axes[:, 1] @ circle
-    return sample(image, xy_px[:, :1] + along_x, xy_px[:, 1:] + along_y)
+    circle = (radius * np.stack([np.cos(angle), np.sin(angle)])).astype(np.float32)
+    place, half_axes = xy_px.astype(np.float32), half_axes.astype(np.float32)
+    return sample(image, place[:, :1] + half_axes[:, 0] @ circle, place[:, 1:] + half_axes[:, 1] @ circle)
 
 
 def sample(image: np.ndarray, x_px: np.ndarray, y_px: np.ndarray) -> np.ndarray:
     """Bilinear values at (n, k) places, NaN outside the image; in blocks that OpenCV's size limit allows."""
-    x, y = x_px.astype(np.float32), y_px.astype(np.float32)
+    x, y = x_px.astype(np.float32, copy=False), y_px.astype(np.float32, copy=False)
     out = np.empty(x.shape, np.float32)
     for start in range(0, len(x), 8192):
         part = slice(start, start + 8192)
         out[part] = cv2.remap(image, x[part], y[part], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     h, w = image.shape
-    out[(x < -0.5) | (y < -0.5) | (x > w - 0.5) | (y > h - 0.5)] = np.nan
+    if not all(v.min(initial=0) >= -0.5 and v.max(initial=0) <= size - 0.5 for v, size in ((x, w), (y, h))):
+        out[(x < -0.5) | (y < -0.5) | (x > w - 0.5) | (y > h - 0.5)] = np.nan
     return out
+
+
+def median_known(values: np.ndarray) -> np.ndarray:
+    """(n, 1) medians of the rows, of what is known in them: NaN stands for the rest, and is slow to leave out."""
+    median = np.nanmedian if np.isnan(values).any() else np.median
+    return median(values, axis=1, keepdims=True)

@@ -10,22 +10,27 @@ from typing import Any
 
 import numpy as np
 
+from testfield.render.cells import CellTables
+from testfield.render.footprint import half_plane, quarter_plane
 from testfield.render.variant import mitsuba
-from testfield.scene.world import Dirt, Panels, TrueMarks
+from testfield.scene.world import Dirt, Panels, Print, TrueMarks
 from testfield.targets.ring_code import word_of_number
 
 
 class PatternTables:
     """Look-up tables on the device: panels, marks, and for each panel a grid of cells that lists nearby marks."""
 
-    def __init__(self, panels: Panels, marks: TrueMarks, bits: int, dirt: Dirt | None = None):
+    def __init__(
+        self, panels: Panels, marks: TrueMarks, bits: int, dirt: Dirt | None = None, prints: tuple[Print, ...] = ()
+    ):
         mi = mitsuba()
         self.bits, self.ring = bits, marks.radii
         extent = marks.printed_radius_mm
         words = np.zeros(len(marks), np.uint32)
         words[marks.code > 0] = word_of_number(marks.code[marks.code > 0], bits)
         cells = [
-            _cells(size, marks.xy_mm, extent, np.flatnonzero(marks.panel == k)) for k, size in enumerate(panels.size_mm)
+            _cells(size, marks.xy_mm, extent, np.flatnonzero((marks.panel == k) & ~marks.corner))
+            for k, size in enumerate(panels.size_mm)
         ]
         self.candidates = max((cell.shape[2] for cell in cells), default=1)
         padded = [np.pad(c, ((0, 0), (0, 0), (0, self.candidates - c.shape[2])), constant_values=-1) for c in cells]
@@ -37,10 +42,12 @@ class PatternTables:
         self.columns = mi.UInt32([c.shape[1] for c in cells])
         self.rows = mi.UInt32([c.shape[0] for c in cells])
         self.list = mi.Int32(np.concatenate([p.ravel() for p in padded]))
-        if len(marks):
+        self.any_dots = bool((~marks.corner).any())
+        if self.any_dots:
             self.x, self.y = (mi.Float(marks.xy_mm[:, k].astype(np.float32)) for k in (0, 1))
             self.radius, self.word = mi.Float(marks.diameter_mm / 2), mi.UInt32(words)
         self.dirt = DirtTables(panels, dirt) if dirt is not None and len(dirt) else None
+        self.prints = CellTables(len(panels), prints) if prints else None
 
     def coverage(self, panel: Any, uv: Any, duv_dx: Any, duv_dy: Any, parts: int) -> Any:
         """Fraction of the footprint that is ink, in [0, 1].
@@ -62,7 +69,7 @@ class PatternTables:
         middle = (np.arange(parts) + 0.5) / parts - 0.5
         steps = [(float(a), float(b)) for a in middle for b in middle]
         ink = mi.Float(0)
-        for k in range(self.candidates):
+        for k in range(self.candidates if self.any_dots else 0):
             mark = dr.gather(mi.Int32, self.list, first + k)
             here = mark >= 0
             index = mi.UInt32(dr.maximum(mark, 0))
@@ -73,6 +80,10 @@ class PatternTables:
             for a, b in steps:
                 shift_x, shift_y = a * jacobian[0] + b * jacobian[1], a * jacobian[2] + b * jacobian[3]
                 ink += dr.select(here, self._mark(dx + shift_x, dy + shift_y, radius, word, part), 0)
+        if self.prints is not None:
+            for a, b in steps:
+                shift_x, shift_y = a * jacobian[0] + b * jacobian[1], a * jacobian[2] + b * jacobian[3]
+                ink += self.prints.coverage(panel, x + shift_x, y + shift_y, part)
         return dr.minimum(ink / parts**2, 1)
 
     def _mark(self, dx: Any, dy: Any, radius: Any, word: Any, jacobian: tuple) -> Any:
@@ -166,51 +177,6 @@ class DirtTables:
             albedo = 0 if black else dr.gather(mi.Float, self.albedo, index, here)
             below = below + covered * (albedo - below)
         return below
-
-
-def half_plane(distance: Any, gradient: tuple[Any, Any]) -> Any:
-    """Part of the unit square centred at 0 where `distance + gradient . p > 0`, exactly; a step without gradient."""
-    import drjit as dr
-
-    a, b = dr.abs(gradient[0]), dr.abs(gradient[1])
-    large, small = dr.maximum(a, b), dr.minimum(a, b)
-    reach = (large + small) / 2 - dr.abs(distance)
-    straight = reach >= small
-    corner = reach * reach / dr.maximum(2 * large * small, 1e-30)
-    near = dr.select(straight, 0.5 - dr.abs(distance) / dr.maximum(large, 1e-30), corner)
-    outside = dr.select(reach > 0, near, 0)
-    return dr.select(distance > 0, 1 - outside, outside)
-
-
-def quarter_plane(d: Any, g: tuple[Any, Any], e: Any, h: tuple[Any, Any], one: Any, other: Any) -> Any:
-    """Part of the unit square centred at 0 where `d + g . p > 0` and `e + h . p > 0`, exactly.
-
-    `one` and `other` are the parts of the two half-planes alone. With the origin where the two lines meet, the lines
-    add nothing to Green's integral of the area, so only the four sides of the square count.
-    """
-    import drjit as dr
-
-    determinant = g[0] * h[1] - g[1] * h[0]
-    determinant = dr.select(dr.abs(determinant) > 1e-30, determinant, 1e-30)
-    x, y = (g[1] * e - h[1] * d) / determinant, (h[0] * d - g[0] * e) / determinant
-
-    def inside(offset_d: Any, slope_d: Any, offset_e: Any, slope_e: Any) -> Any:
-        """Length of a side on which both conditions hold."""
-        low, high = -0.5 + 0 * d, 0.5 + 0 * d
-        for offset, slope in ((offset_d, slope_d), (offset_e, slope_e)):
-            steep = dr.select(dr.abs(slope) > 1e-20, slope, 1e-20)
-            root = dr.clip(-offset / steep, -0.5, 0.5)
-            low = dr.select(steep > 0, dr.maximum(low, root), low)
-            high = dr.select(steep > 0, high, dr.minimum(high, root))
-        return dr.maximum(high - low, 0)
-
-    area = 0 * d
-    for end in (-0.5, 0.5):
-        sign = 2 * end
-        area += (0.5 - x * sign) * inside(d + g[0] * end, g[1], e + h[0] * end, h[1])
-        area += (0.5 - y * sign) * inside(d + g[1] * end, g[0], e + h[1] * end, h[0])
-    crossed = (one > 0) & (one < 1) & (other > 0) & (other < 1)
-    return dr.select(crossed, dr.clip(area / 2, 0, 1), one * other)
 
 
 def _cells(size_mm: np.ndarray, xy_mm: np.ndarray, extent_mm: np.ndarray, marks: np.ndarray) -> np.ndarray:

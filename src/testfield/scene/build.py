@@ -39,6 +39,7 @@ from testfield.scene.world import (
     Gloss,
     Panels,
     PointLight,
+    Print,
     Retro,
     RingFlash,
     TrueMarks,
@@ -64,6 +65,7 @@ class _Assembly:
         self.ink, self.retro_matt = paint.ink, paint.retro.matt
         self.panels: list[tuple] = []
         self.marks: list[tuple] = []
+        self.prints: list[Print] = []
 
     def panel(
         self,
@@ -75,9 +77,10 @@ class _Assembly:
         made_of: Ink | None = None,
         curvature: float = 0.0,
         axis_rad: float = 0.0,
+        black_on_white: bool = False,
     ) -> int:
-        """A printed front and its plain back, bent alike; returns the front's index. `made_of` as in `sticker`."""
-        front = self.sticker(name, R, t, size, made_of, curvature, axis_rad)
+        """A printed front and its plain back, bent alike; returns the front's index. The rest as in `sticker`."""
+        front = self.sticker(name, R, t, size, made_of, curvature, axis_rad, black_on_white)
         behind = np.column_stack([-R[:, 0], R[:, 1], -R[:, 2]])
         # The back is bent about the same axis in space, so it is that much shorter (or longer) across it.
         shrink = 1 - thickness * curvature
@@ -98,9 +101,14 @@ class _Assembly:
         made_of: Ink | None = None,
         curvature: float = 0.0,
         axis_rad: float = 0.0,
+        black_on_white: bool = False,
     ) -> int:
-        """A printed front alone; returns its index. `made_of` is the ink, paint.ink if None."""
-        ground, ink = (self.black, self.white) if self.white_on_black else (self.white, self.black)
+        """A printed front alone; returns its index. `made_of` is the ink, paint.ink if None.
+
+        `black_on_white`: whatever the scene's paint is.
+        """
+        white_on_black = self.white_on_black and not black_on_white
+        ground, ink = (self.black, self.white) if white_on_black else (self.white, self.black)
         made_of = made_of or self.ink
         ink = self.retro_matt if made_of == "retro" else ink
         self.panels.append((name, R, t, size, ground, ink, curvature, axis_rad, INKS.index(made_of)))
@@ -115,9 +123,10 @@ class _Assembly:
         role: int,
         board: int = -1,
         point: int = -1,
+        corner: bool = False,
     ) -> None:
         """One mark at its true place on a panel."""
-        self.marks.append((panel, xy, diameter, code, role, board, point))
+        self.marks.append((panel, xy, diameter, code, role, board, point, corner))
 
 
 def build_world(scene: SceneFile) -> World:
@@ -144,13 +153,23 @@ def build_world(scene: SceneFile) -> World:
                 f"value {board.bow_mm}: the board is thicker than its radius of bending", f"boards[{k}].bow_mm",
                 "lower bow_mm or thickness_mm",
             )  # fmt: skip
-        panel = parts.panel(board.name, R, t, board.size_mm, board.thickness_mm, board.ink, curvature, axis_rad)
-        drawn = generator(seed, f"print/{board.name}").normal(0, 1, nominal.marks.xy_mm.shape) * board.print_sigma_mm
+        corners = nominal.has_corners
+        panel = parts.panel(
+            board.name, R, t, board.size_mm, board.thickness_mm, board.ink, curvature, axis_rad, corners
+        )  # fmt: skip
+        if nominal.pattern is not None and corners:
+            parts.prints.append(Print(panel, nominal.pattern.cells.scaled(1 + scale_error)))
+        drawn = generator(seed, f"print/{board.name}").normal(0, 1, nominal.marks.xy_mm.shape) * nominal.u_xy_mm
         true_xy = nominal.marks.xy_mm * (1 + scale_error) + drawn
         for i, xy in enumerate(true_xy):
-            parts.mark(panel, xy, nominal.marks.diameter_mm[i], int(nominal.marks.code[i]), BOARD, k, i)
+            parts.mark(panel, xy, nominal.marks.diameter_mm[i], int(nominal.marks.code[i]), BOARD, k, i, corners)
         for number, check in enumerate(scene.check_targets):
             if isinstance(check, CheckOnBoard) and check.board == board.name:
+                if corners:
+                    raise TestfieldError(
+                        f"'{board.name}' is a board of squares or tags, on which no target is stuck",
+                        f"check_targets[{number}].board", "choose another board, or a card of its own",
+                    )  # fmt: skip
                 parts.mark(panel, np.array(check.xy_mm), check.diameter_mm, check.code, CHECK)
             elif isinstance(check, CheckOnBoard) and check.board not in {b.name for b in scene.boards}:
                 raise TestfieldError(f"no board is called '{check.board}'", f"check_targets[{number}].board")
@@ -196,7 +215,7 @@ def build_world(scene: SceneFile) -> World:
         side = (radii.quiet + CARD_MARGIN) * diameter
         panel = parts.sticker(f"check {code}", facing(normal), position, (side, side))
         parts.mark(panel, np.zeros(2), diameter, code, CHECK)
-    loose |= {code: d for _, _, d, code, role, _, _ in parts.marks if role == CHECK}
+    loose |= {code: d for _, _, d, code, role, *_ in parts.marks if role == CHECK}
 
     carried = len(parts.panels)
     for k, surface in enumerate(scene.room.surfaces):
@@ -249,7 +268,7 @@ def build_world(scene: SceneFile) -> World:
         scene.camera.psf_sigma_px, lights, scene.room.ambient_w_m2_sr if sky is None else 0.0, field, meshes,
         true_optics(scene), true_motion(scene),
         Dirt(*(np.array(column) for column in zip(*spots, strict=True))) if spots else Dirt(),
-        points, sky, _flash(scene), **_materials(scene),
+        points, sky, _flash(scene), **_materials(scene), prints=tuple(parts.prints),
     )  # fmt: skip
 
 
@@ -336,7 +355,13 @@ def _residual_field(scene: SceneFile) -> np.ndarray | None:
 
 
 def nominal_board(board: BoardPart, bits: int, index: int) -> NominalBoard:
-    """What the certificate of a sub-board says: coded targets first, then the plain dots."""
+    """What the certificate of a sub-board says: coded targets first, then the plain dots; or its pattern's points."""
+    if board.pattern is not None:
+        printed = board.pattern.pattern
+        n = len(printed.points_mm)
+        marks = Marks(printed.points_mm, np.full(n, printed.free_mm), np.zeros(n, int), bits)
+        u_xy_mm = 0.0 if printed.has_corners else board.print_sigma_mm
+        return NominalBoard(board.name, marks, u_xy_mm, 0.0, printed, board.size_mm)
     zone = board.recognition_zone
     count = zone.columns * zone.rows
     if zone.codes is not None and zone.first_code is not None:
@@ -377,7 +402,8 @@ def _panels(parts: _Assembly, carried: int) -> Panels:
 
 def _marks(parts: _Assembly, radii: RingRadii) -> TrueMarks:
     panel, xy, diameter, *rest = zip(*parts.marks, strict=True)
-    code, role, board, point = (np.array(v, int) for v in rest)
+    code, role, board, point, corner = (np.array(v, int) for v in rest)
     return TrueMarks(
-        np.array(panel), np.array(xy, float), np.array(diameter, float), code, role, board, point, radii
+        np.array(panel), np.array(xy, float), np.array(diameter, float), code, role, board, point, radii,
+        corner.astype(bool),
     )  # fmt: skip

@@ -6,6 +6,7 @@ from testfield.camera.project import directions
 from testfield.errors import TestfieldError
 from testfield.scene.bend import to_paper
 from testfield.scene.blur import blur_circles_px, streaks_px
+from testfield.scene.check_patterns import check_patterns, pattern_warnings
 from testfield.scene.exposure import check_exposure
 from testfield.scene.meshes import inside
 from testfield.scene.schema import BoardPart, MeshPart, ScaleBarPart, SceneFile, SurfacePart
@@ -32,12 +33,14 @@ def check_scene(scene: SceneFile, world: World, views: Views, source: str) -> li
     _bendable_ink(scene, source)
     _unique_names(scene, source)
     _codes_exist_and_differ(scene, world, source)
+    check_patterns(scene, world, source)
     _marks_fit(scene, world, source)
     _stations_stand_free(world, source)
     _stations_see(world, views, source)
     unlit = _lit(scene, source) + check_exposure(scene, world, source)
     blurred = _focused(scene, world, views, source)
-    return _sizes(world, views, source) + _joined(world, views, source) + unlit + blurred + _scaled(world, source)
+    found = _sizes(world, views, source) + _joined(world, views, source) + unlit + blurred + _scaled(world, source)
+    return found + pattern_warnings(world, views, source)
 
 
 def _possible_optics(scene: SceneFile, world: World, source: str) -> None:
@@ -187,11 +190,19 @@ def _codes_exist_and_differ(scene: SceneFile, world: World, source: str) -> None
 
 
 def _marks_fit(scene: SceneFile, world: World, source: str) -> None:
+    for k, board in enumerate(world.field.boards):
+        if board.pattern is not None and (2 * board.pattern.half_mm > scene.boards[k].size_mm).any():
+            need = " x ".join(f"{v:g}" for v in 2 * board.pattern.half_mm)
+            raise TestfieldError(
+                f"the pattern is {need} mm and reaches over the edge", f"{source}, boards[{k}].size_mm", "enlarge it"
+            )
     marks = world.marks
     printed = marks.printed_radius_mm
     quiet = marks.diameter_mm / 2 * np.where(marks.code > 0, marks.radii.quiet, 1.2)
     for k in np.unique(marks.panel):
-        here = np.flatnonzero(marks.panel == k)
+        here = np.flatnonzero((marks.panel == k) & ~marks.corner)
+        if len(here) == 0:
+            continue
         over = np.abs(marks.xy_mm[here]) + printed[here, None] > world.panels.size_mm[k] / 2
         if over.any():
             at = marks.xy_mm[here[np.argmax(over.any(axis=1))]]
@@ -306,8 +317,9 @@ def _joined(world: World, views: Views, source: str) -> list[str]:
     coded = whole & (world.marks.code > 0)
     sees = np.array(
         [
-            ((coded & on).sum(axis=1) >= LEAST_CODES) & ((whole & on).sum(axis=1) >= LEAST_MARKS)
-            for on in (world.marks.board == b for b in range(boards))
+            (((coded & on).sum(axis=1) >= LEAST_CODES) | (sheet.pattern is not None))
+            & ((whole & on).sum(axis=1) >= LEAST_MARKS)
+            for on, sheet in ((world.marks.board == b, sheet) for b, sheet in enumerate(world.field.boards))
         ]
     )
     reached, frontier = {0}, [0]

@@ -25,14 +25,14 @@ OWN_CROSSING = 1e-6
 class Views:
     """Truth of every mark in every station, in arrays (stations, marks).
 
-    `centre_px` (.., 2) projection of the mark's centre; `disc_px` (.., 2) centre of area of the dot's image, which is
-    what a detector sees; `diameter_px` of the circle of equal area; `obliquity_deg` angle between the mark's normal
-    and the line of sight; `visible` fraction, from 0 to 1, of the printed area that is in the image, faces the camera
-    and has nothing before it (as it stands in the middle of the exposure), 1 only where that holds for all points
-    looked at, those of the rim among them, times `clean`. `semi_axes_px` (.., 2) major and minor of the ellipse with
-    the second moments of the dot's image, `angle_deg` of its major axis from x to y, in (-90, 90]; `clean` (marks,)
-    part of the printed circle without dirt. Where things move, centres and discs are means over the exposure, and size
-    and shape are those of the middle of it.
+    `centre_px` (.., 2) projection of the mark's centre; `disc_px` (.., 2) what a detector sees, the centre of area of
+    the dot's image, of a corner its projection; `diameter_px` of the circle of equal area; `obliquity_deg` angle
+    between the mark's normal and the line of sight; `visible` fraction, from 0 to 1, of the printed area that is in
+    the image, faces the camera and has nothing before it (as it stands in the middle of the exposure), 1 only where
+    that holds for all points looked at, those of the rim among them, times `clean`. `semi_axes_px` (.., 2) major and
+    minor of the ellipse with the second moments of the dot's image, `angle_deg` of its major axis from x to y, in
+    (-90, 90]; `clean` (marks,) part of the printed circle without dirt. Where things move, centres and discs are
+    means over the exposure, and size and shape are those of the middle of it.
     """
 
     centre_px: np.ndarray
@@ -61,6 +61,7 @@ def see(world: World) -> Views:
     with np.errstate(invalid="ignore", divide="ignore"):
         for s in range(shape[0]):
             pose, views.centre_px[s], views.disc_px[s] = _exposed(world, s, discs)
+            views.disc_px[s, marks.corner] = views.centre_px[s, marks.corner]
             image = discs.seen_from(pose)
             views.diameter_px[s] = image.diameter_px
             views.semi_axes_px[s], views.angle_deg[s] = _ellipse(image.moments_px2)

@@ -10,6 +10,7 @@ from testfield.camera.optics import PINHOLE, Optics
 from testfield.camera.pose import Poses
 from testfield.scene import bend
 from testfield.scene.sunflower import sunflower
+from testfield.targets.board_pattern import Cells
 from testfield.targets.field import Field
 from testfield.targets.marks import RADII, USUAL, RingRadii
 
@@ -78,7 +79,8 @@ class TrueMarks:
 
     `panel` (n,) index; `xy_mm` (n, 2) on the panel; `diameter_mm`, `code` (0 plain), `role` (n,); `board` (n,) index
     of the board whose layout lists the mark, -1 for loose targets; `point` (n,) its index in that layout, or -1;
-    `radii` the shape of every ring.
+    `radii` the shape of every ring; `corner` (n,) which marks are corners of a `Print`, whose diameter is that of the
+    circle in which nothing else is printed; where absent none is.
     """
 
     panel: np.ndarray
@@ -89,6 +91,11 @@ class TrueMarks:
     board: np.ndarray
     point: np.ndarray
     radii: RingRadii = RADII[USUAL]
+    corner: np.ndarray = None  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        if self.corner is None:
+            object.__setattr__(self, "corner", np.zeros(len(self.panel), bool))
 
     def __len__(self) -> int:
         return len(self.panel)
@@ -97,6 +104,14 @@ class TrueMarks:
     def printed_radius_mm(self) -> np.ndarray:
         """(n,) radius of the circle that holds everything printed: the dot, or the ring's outer edge."""
         return self.diameter_mm / 2 * np.where(self.code > 0, self.radii.outer, 1.0)
+
+
+@dataclass(frozen=True)
+class Print:
+    """Squares and tags on one `panel`: `cells` of its ink, in the panel's frame."""
+
+    panel: int
+    cells: Cells
 
 
 @dataclass(frozen=True)
@@ -221,9 +236,10 @@ class World:
     `camera_from_world` (stations) poses, `interior` the true interior orientation, `psf_sigma_px` the optics' blur,
     `ambient_radiance` in W/(m^2 sr) from all around, `field` what the measuring side is told, `field_diagonal_mm` of
     the declared measuring volume, `meshes` bodies of other shapes than panels, `optics` depth of field, diffraction,
-    vignetting, `motion` while the shutter is open: the world is as it stands in the middle of the exposure; `dirt` the
-    spots on its panels. `point_lights`; `sky` in the place of `ambient_radiance`; `flash` of the camera; `retro`,
-    `gloss` and `luminous_radiance` say what the panels' inks of these kinds are like.
+    vignetting, `motion` while the shutter is open: the world is as it stands in the middle of the exposure; `dirt`
+    the spots on its panels; `prints` squares and tags, one at most on a panel. `point_lights`; `sky` in the place of
+    `ambient_radiance`; `flash` of the camera; `retro`, `gloss` and `luminous_radiance` say what the panels' inks of
+    these kinds are like.
     """
 
     name: str
@@ -249,6 +265,7 @@ class World:
     retro: Retro | None = None
     gloss: Gloss | None = None
     luminous_radiance: float = 0.0
+    prints: tuple[Print, ...] = ()
 
     @property
     def mark_clean(self) -> np.ndarray:

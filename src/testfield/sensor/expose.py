@@ -60,7 +60,7 @@ class Sensor:
             black_dn += self.dark_e / self.gain_e_per_dn
             noise_e = math.sqrt(noise_e**2 + self.dark_e)
             well_e = max(well_e - self.dark_e, 0.0)
-        return SensorSheet(self.gain_e_per_dn, noise_e, black_dn, self.bits, well_e)
+        return SensorSheet(self.gain_e_per_dn, noise_e, black_dn, self.bits, well_e, self.bayer)
 
 
 def expose(radiance: Radiance, sensor: Sensor, seed: int) -> Frame:

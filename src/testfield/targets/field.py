@@ -1,12 +1,13 @@
 """The field sheet: everything a measuring person is told about the field, and nothing that is only true."""
 
 import json
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from testfield.errors import speaking
+from testfield.targets.board_pattern import BoardPattern
 from testfield.targets.marks import RADII, USUAL, Marks, RingRadii
 
 
@@ -14,13 +15,22 @@ from testfield.targets.marks import RADII, USUAL, Marks, RingRadii
 class NominalBoard:
     """A sub-board as certified: its marks in its own frame, and how well they are known.
 
-    `u_xy_mm` is the standard uncertainty of each mark's x and y, `u_z_mm` of its height (flatness).
+    `u_xy_mm` is the standard uncertainty of each mark's x and y, `u_z_mm` of its height (flatness). `pattern` is what
+    the board shows where that is not ring codes with plain dots; `size_mm` its width and height, needed with `pattern`.
+    The marks are then the pattern's points, a corner's diameter that of the circle in which nothing else is printed.
     """
 
     name: str
     marks: Marks
     u_xy_mm: float
     u_z_mm: float
+    pattern: BoardPattern | None = None
+    size_mm: tuple[float, float] | None = None
+
+    @property
+    def has_corners(self) -> bool:
+        """Whether its marks are corners instead of discs."""
+        return self.pattern is not None and self.pattern.has_corners
 
 
 @dataclass(frozen=True)
@@ -67,6 +77,7 @@ class Field:
                 "y_mm": b.marks.xy_mm[:, 1].tolist(),
                 "diameter_mm": b.marks.diameter_mm.tolist(),
                 "code": b.marks.code.tolist(),
+                **({"pattern": asdict(b.pattern), "size_mm": b.size_mm} if b.pattern else {}),
             }
             for b in self.boards
         ]
@@ -98,6 +109,8 @@ class Field:
                 ),
                 b["u_xy_mm"],
                 b["u_z_mm"],
+                BoardPattern(**b["pattern"]) if "pattern" in b else None,
+                (b["size_mm"][0], b["size_mm"][1]) if "size_mm" in b else None,
             )
             for b in sheet["boards"]
         )

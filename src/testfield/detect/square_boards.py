@@ -1,0 +1,250 @@
+"""Boards of squares and tags in one image: OpenCV reads the tags or the checkerboard, the corner model measures.
+
+What OpenCV reads says where every corner is to a pixel or so, from the corners it knows nearest to it; there the model
+(`corner_model.py`) is fitted to those pixels that see nothing but the corner's own two edges.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from testfield.camera.images import Frame, SensorSheet
+from testfield.detect.corner_model import FittedCorners, fit_corners, offsets_px
+from testfield.detect.observations import MEASURED, Observations
+from testfield.detect.opencv_boards import eight_bits
+from testfield.targets.board_pattern import CORNERS_A_TAG, SIDES, BoardPattern, dictionary
+from testfield.targets.field import Field, NominalBoard
+
+NEAREST = 8
+"""Known corners that tell where another one is."""
+GROSS_PX = 25.0
+"""A tag farther than this from its board's homography is misread: no lens bends one board so much."""
+CLEAR_PX, CLEAR_OF_BLUR = 1.8, 2.8
+"""Nothing but the two edges may be printed within this distance of a pixel that is used, in px and in sigmas."""
+AROUND = 8
+CHECKERBOARD_TRIALS = 4
+"""OpenCV's checkerboard finder draws at random, and now and then it returns points that are no grid."""
+WORST_MISFIT = 0.05
+DISTURBED, DISTURBED_CHI2, UNUSUAL = 0.006, 2.0, 3.0
+"""A corner is partly hidden or touched by something where its residual beyond noise exceeds the first, as a fraction of
+the contrast, and the third times what is usual in the image, and its chi-squared exceeds the second times what is usual
+(at least times one)."""
+NEARLY_FULL = 0.98
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """What was read of one board: corners (k, 2) in mm on the board and in px."""
+
+    board_mm: np.ndarray
+    image_px: np.ndarray
+
+
+def detect_squares(frame: Frame, field: Field) -> tuple[Observations, list[np.ndarray]]:
+    """All corners of all boards of squares and tags in one frame, and the outlines (m, 2) px of what is printed."""
+    image = frame.pixels_dn.astype(np.float32)
+    read = _Reader(image)
+    parts, outlines = [_observations(frame.station)], []
+    for b, board in enumerate(field.boards):
+        seen = read.board(board.pattern) if board.pattern is not None and board.has_corners else None
+        if seen is None or board.pattern is None:
+            continue
+        parts.append(_measure(image, frame.sheet, frame.station, b, board, seen))
+        outlines.append(_outline(board.pattern, seen))
+    return Observations.beside(parts), outlines
+
+
+class _Reader:
+    """OpenCV's detectors on one image; tags of one dictionary are looked for once."""
+
+    def __init__(self, image: np.ndarray):
+        self.bytes = eight_bits(image)
+        self.tags: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+
+    def board(self, pattern: BoardPattern) -> _Seen | None:
+        try:
+            return self._checkerboard(pattern) if pattern.kind == "checkerboard" else self._tags(pattern)
+        except cv2.error:  # of points on one line, for example
+            return None
+
+    def _tags(self, pattern: BoardPattern) -> _Seen | None:
+        if pattern.names not in self.tags:
+            settings = cv2.aruco.DetectorParameters()
+            settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+            detector = cv2.aruco.ArucoDetector(dictionary(pattern.names), settings)
+            quads, read, _ = detector.detectMarkers(self.bytes)
+            found = np.zeros(0, int) if read is None else np.asarray(read).ravel().astype(int)
+            self.tags[pattern.names] = found, np.asarray(quads, float).reshape(-1, CORNERS_A_TAG, 2)
+        numbers, corners = self.tags[pattern.names]
+        once = np.isin(numbers, [k for k in np.unique(numbers) if (numbers == k).sum() == 1])
+        mine = np.flatnonzero(once & np.isin(numbers, pattern.tags))
+        if len(mine) == 0:
+            return None
+        middle = pattern.tag_middles_mm[numbers[mine] - pattern.first_tag]
+        board = (middle[:, None] + SIDES * pattern.mark_mm / 2).reshape(-1, 2)
+        image = corners[mine].reshape(-1, 2)
+        _, inside = cv2.findHomography(board, image, cv2.RANSAC, GROSS_PX)
+        if inside is None:
+            return None
+        whole = inside.reshape(-1, CORNERS_A_TAG).all(axis=1)
+        keep = np.repeat(whole, CORNERS_A_TAG)
+        return _Seen(board[keep], image[keep]) if whole.any() else None
+
+    def _checkerboard(self, pattern: BoardPattern) -> _Seen | None:
+        size = (pattern.columns - 1, pattern.rows - 1)
+        for seed in range(CHECKERBOARD_TRIALS):
+            cv2.setRNGSeed(1 + seed)
+            found, corners = cv2.findChessboardCornersSB(self.bytes, size, flags=cv2.CALIB_CB_ACCURACY)
+            seen = self._turned(pattern, np.asarray(corners, float).reshape(-1, 2)) if found else None
+            if seen is not None:
+                return seen
+        return None
+
+    def _turned(self, pattern: BoardPattern, image: np.ndarray) -> _Seen | None:
+        """Corners (n, 2) px in OpenCV's order with their places on the board; None where they are no such board."""
+        board = pattern.points_mm
+        _, inside = cv2.findHomography(board, image, cv2.RANSAC, GROSS_PX)
+        if inside is None or not inside.all() or len(np.unique(image, axis=0)) < len(image):
+            return None
+        # Any of the four corners may come first; a board seen from its front is not mirrored, and its squares show
+        # which way up it is.
+        for x, y in ((1, 1), (-1, -1), (-1, 1), (1, -1)):
+            seen = _Seen(board * [x, y], image)
+            maps = _local_maps(seen, board[:1])
+            if maps is not None and np.linalg.det(maps[1][0]) < 0 and self._as_printed(pattern, seen):
+                return seen
+        return None
+
+    def _as_printed(self, pattern: BoardPattern, seen: _Seen) -> bool:
+        """Whether black squares are darker than white ones."""
+        x, y = (np.arange(1, n - 1) - (n - 1) / 2 for n in (pattern.columns, pattern.rows))
+        middle = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2) * pattern.pitch_mm
+        maps = _local_maps(seen, middle)
+        if maps is None:
+            return False
+        at = np.rint(maps[0]).astype(int).clip(0, np.array(self.bytes.shape[::-1]) - 1)
+        level, black = self.bytes[at[:, 1], at[:, 0]].astype(float), pattern.cells.at(middle)
+        return bool(level[black].mean() < level[~black].mean())
+
+
+def _measure(
+    image: np.ndarray, sheet: SensorSheet, station: str, b: int, board: NominalBoard, seen: _Seen
+) -> Observations:
+    pattern = board.pattern
+    assert pattern is not None
+    points = pattern.points_mm
+    # A corner is looked for where what is known lies next to it.
+    gap = np.linalg.norm(points[:, None] - seen.board_mm[None], axis=2).min(axis=1)
+    between = pattern.pitch_mm - pattern.mark_mm
+    next_to = {"charuco": between / np.sqrt(2), "checkerboard": 0.0, "tags": between}[pattern.kind]
+    point = np.flatnonzero(gap <= next_to + 1e-6 * pattern.pitch_mm)
+    maps = _local_maps(seen, points[point])
+    if maps is None or len(point) == 0:
+        return _observations(station)
+    xy, axes = maps
+    height, width = image.shape
+    inside = ((xy > 1) & (xy < [width - 2, height - 2])).all(axis=1) & (np.abs(np.linalg.det(axes)) > 1e-12)
+    point, xy, axes = point[inside], xy[inside], axes[inside]
+    # The quadrant between u and v: of crossing edges a white one, of a tag its own black one.
+    if pattern.kind == "tags":
+        signs = -SIDES[point % CORNERS_A_TAG]
+    else:
+        up_right = pattern.cells.at(points[point] + 0.01 * pattern.free_mm)
+        signs = np.column_stack([np.where(up_right, -1, 1), np.ones(len(point))])
+    edges = axes * signs[:, None, :]
+    crossing = np.full(len(point), pattern.kind != "tags")
+    clear = CLEAR_PX
+    for _ in range(2):
+        use = _clear_pixels(board, points[point], xy, axes, clear)
+        fitted = fit_corners(image, sheet, xy, edges, crossing, use)
+        if not fitted.ok.any():
+            break
+        clear = CLEAR_OF_BLUR * float(np.median(fitted.blur_px[fitted.ok]))
+        if clear <= CLEAR_PX:
+            break
+    spread = (board.marks.diameter_mm[point] / 4) ** 2
+    moments = spread[:, None, None] * axes @ np.swapaxes(axes, 1, 2)
+    return _observations(station, b, point, fitted, xy, moments, _status(fitted, sheet))
+
+
+def _status(fitted: FittedCorners, sheet: SensorSheet) -> np.ndarray:
+    """(n,) `measured` or why not."""
+    status = np.full(len(fitted.ok), MEASURED, dtype=object)
+    with np.errstate(invalid="ignore"):
+        usual = [float(np.median(v[fitted.ok])) if fitted.ok.any() else 0.0 for v in (fitted.misfit, fitted.chi2)]
+        disturbed = (fitted.misfit > max(DISTURBED, UNUSUAL * usual[0])) & (
+            fitted.chi2 > DISTURBED_CHI2 * max(usual[1], 1.0)
+        )
+        for bad, why in (
+            (~fitted.ok | (fitted.contrast_dn < 0) | (fitted.misfit > WORST_MISFIT), "not a corner"),
+            (fitted.white_dn >= NEARLY_FULL * sheet.saturation_dn, "saturated"),
+            (disturbed, "partly hidden or disturbed"),
+        ):
+            status[(status == MEASURED) & bad] = why
+    return status
+
+
+def _local_maps(seen: _Seen, at_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    """Places (n, 2) px of points (n, 2) of the board and their derivatives (n, 2, 2) px/mm, from the corners nearest to
+    each: a homography of the neighbourhood follows the lens. None where nothing is determined."""
+    places, slopes = np.zeros((len(at_mm), 2)), np.zeros((len(at_mm), 2, 2))
+    whole, _ = cv2.findHomography(seen.board_mm, seen.image_px)
+    if whole is None:
+        return None
+    for k, at in enumerate(at_mm):
+        near = np.argsort(np.linalg.norm(seen.board_mm - at, axis=1), kind="stable")[:NEAREST]
+        centred = seen.board_mm[near] - seen.board_mm[near].mean(axis=0)
+        straight = np.linalg.svd(centred, compute_uv=False)[-1] < 0.2 * np.linalg.norm(centred) / np.sqrt(2)
+        H = None if straight or len(near) < 6 else cv2.findHomography(seen.board_mm[near], seen.image_px[near])[0]
+        H = whole if H is None else H
+        p = H @ [*at, 1.0]
+        places[k] = p[:2] / p[2]
+        slopes[k] = (H[:2, :2] - np.outer(places[k], H[2, :2])) / p[2]
+    return places, slopes
+
+
+def _clear_pixels(
+    board: NominalBoard, corner_mm: np.ndarray, xy_px: np.ndarray, axes_px: np.ndarray, clear_px: float
+) -> np.ndarray:
+    """(n, k) which pixels of each corner's window see its own two edges alone, and paper all around."""
+    pattern, n = board.pattern, len(corner_mm)
+    assert pattern is not None
+    assert board.size_mm is not None
+    angle = 2 * np.pi * np.arange(AROUND) / AROUND
+    ring = np.vstack([np.zeros((1, 2)), clear_px * np.column_stack([np.cos(angle), np.sin(angle)])])
+    offset = (np.rint(xy_px) - xy_px)[:, None, None] + offsets_px()[:, None] + ring
+    from_corner = np.einsum("nij,nkrj->nkri", np.linalg.inv(axes_px), offset)
+    at = corner_mm[:, None, None] + from_corner
+    own = corner_mm[:, None, None] + 0.01 * pattern.free_mm * np.where(from_corner < 0, -1, 1)
+    same = pattern.cells.at(at) == pattern.cells.at(own)
+    on_paper = (np.abs(at) < np.array(board.size_mm) / 2).all(axis=-1)
+    return np.asarray((same & on_paper).all(axis=2).reshape(n, -1))
+
+
+def _outline(pattern: BoardPattern, seen: _Seen) -> np.ndarray:
+    """(4, 2) px of the corners of all that is printed."""
+    H, _ = cv2.findHomography(seen.board_mm, seen.image_px)
+    return np.zeros((4, 2)) if H is None else cv2.perspectiveTransform((SIDES * pattern.half_mm)[None], H)[0]
+
+
+def _observations(
+    station: str,
+    board: int = -1,
+    point: np.ndarray | None = None,
+    fitted: FittedCorners | None = None,
+    xy_px: np.ndarray | None = None,
+    moments_px2: np.ndarray | None = None,
+    status: np.ndarray | None = None,
+) -> Observations:
+    """Observations of one board's corners; none where only the station is given."""
+    if point is None or fitted is None or xy_px is None or moments_px2 is None or status is None:
+        none, nothing = np.zeros(0, int), np.zeros((0, 2, 2))
+        return Observations(
+            (station,), none, np.zeros((0, 2)), nothing, nothing, none, none, none, np.zeros(0), np.zeros(0, object)
+        )  # fmt: skip
+    n = len(point)
+    return Observations(
+        (station,), np.zeros(n, int), np.where(fitted.ok[:, None], fitted.xy_px, xy_px), fitted.cov_px2, moments_px2,
+        np.zeros(n, int), np.full(n, board), point, fitted.chi2, status,
+    )  # fmt: skip

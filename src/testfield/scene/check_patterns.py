@@ -1,0 +1,65 @@
+"""What can be wrong with boards of squares, tags and circles: tags used twice, boards that look alike, tops unseen."""
+
+import numpy as np
+
+from testfield.errors import TestfieldError
+from testfield.scene.schema import SceneFile
+from testfield.scene.truth import Views
+from testfield.scene.world import World
+
+LEAST_CELL_PX = 2.0
+"""Width of a tag's cell in the image below which it cannot be read."""
+
+
+def check_patterns(scene: SceneFile, world: World, source: str) -> None:
+    """Raise `TestfieldError` where two boards could not be told apart."""
+    owners: dict[tuple, int] = {}
+    for k, board in enumerate(world.field.boards):
+        pattern = board.pattern
+        if pattern is None:
+            continue
+        size = tuple(sorted((pattern.columns, pattern.rows)))
+        # A tag is known by its dictionary and number; what has no tags is known by its size alone.
+        names: list[tuple] = [(pattern.names.upper(), int(tag)) for tag in pattern.tags] or [(pattern.kind, *size)]
+        for name in names:
+            if name in owners:
+                what = f"tag {name[1]} of {name[0]}" if len(pattern.tags) else f"{pattern.kind} of the same size"
+                raise TestfieldError(
+                    f"{what} is also on boards[{owners[name]}]", f"{source}, boards[{k}].pattern",
+                    "give another first_tag" if len(pattern.tags) else "give it another number of columns",
+                )  # fmt: skip
+            owners[name] = k
+        ink = scene.boards[k].ink or scene.paint.ink
+        if pattern.has_corners and ink in ("retro", "luminous"):
+            raise TestfieldError(
+                f"a board of squares or tags is black on white and cannot have {ink} ink",
+                f"{source}, boards[{k}].ink", 'set it to "matt" or "gloss"',
+            )  # fmt: skip
+
+
+def pattern_warnings(world: World, views: Views, source: str) -> list[str]:
+    """A word on tags too small to be read, and on symmetric grids that are seen upside down."""
+    warnings = []
+    for b, board in enumerate(world.field.boards):
+        pattern = board.pattern
+        if pattern is None:
+            continue
+        here = np.flatnonzero(world.marks.board == b)
+        seen = (views.visible[:, here] == 1).all(axis=1)
+        if pattern.kind == "circles" and seen.any():
+            first, last = views.disc_px[:, here[0]].sum(axis=1), views.disc_px[:, here[-1]].sum(axis=1)
+            turned = [world.station_name[s] for s in np.flatnonzero(seen & (first > last))]
+            if turned:
+                warnings.append(
+                    f"{source}: the symmetric grid '{board.name}' is upside down in {', '.join(turned)}, where its "
+                    "dots will be named the wrong way round; turn the camera (roll_deg), or use an asymmetric grid"
+                )
+        if len(pattern.tags):
+            px = np.where(views.visible[:, here] == 1, views.diameter_px[:, here], 0).max(initial=0)
+            cell_px = px / pattern.free_mm * float(np.diff(pattern.cells.x_mm).min())
+            if 0 < cell_px < LEAST_CELL_PX:
+                warnings.append(
+                    f"{source}: the cells of the tags on '{board.name}' are {cell_px:.1f} px wide at best and need "
+                    f"{LEAST_CELL_PX:.0f}"
+                )
+    return warnings
