@@ -40,7 +40,7 @@ def decode(
 
     Returns the code (n,): a number, or `PLAIN`, `UNREADABLE`, `CROWDED`, `CUT`; and the affine map (n, 2, 2) from the
     target's plane (x right, y up, in dot radii; the code's first segment begins at +x) to px, NaN where there is no
-    code or its word repeats itself and leaves the turn open.
+    code. A word that repeats itself leaves the turn open; the map is then one of several.
     """
     if len(xy_px) == 0:
         return np.zeros(0, int), np.zeros((0, 2, 2))
@@ -148,11 +148,10 @@ def _directions(count: int) -> np.ndarray:
 
 
 def _first_segment(words: np.ndarray, bits: int) -> np.ndarray:
-    """(n,) which segment as read begins the smallest rotation; NaN where more than one does."""
+    """(n,) which segment as read begins the smallest rotation, the first where more than one does."""
     mask = np.uint32((1 << bits) - 1)
     turned = np.stack([((words << np.uint32(k)) | (words >> np.uint32(bits - k))) & mask for k in range(bits)], axis=1)
-    smallest = turned == smallest_rotation(words, bits)[:, None]
-    return np.where(smallest.sum(axis=1) == 1, np.argmax(smallest, axis=1), np.nan)
+    return np.argmax(turned == smallest_rotation(words, bits)[:, None], axis=1)
 
 
 def _read(ring: np.ndarray, bits: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

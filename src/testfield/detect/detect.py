@@ -6,6 +6,7 @@ import numpy as np
 
 from testfield.camera.images import Frame, InvertedSheet, SensorSheet
 from testfield.detect.centre import Centres
+from testfield.detect.centre_ring import Rings, centres_with_rings
 from testfield.detect.contour import ROUGHLY, is_elliptic
 from testfield.detect.decode import CROWDED, CUT, PLAIN, UNREADABLE, decode
 from testfield.detect.find import find_blobs
@@ -15,10 +16,13 @@ from testfield.detect.screen import may_be_dots
 from testfield.registry import find
 from testfield.targets.field import Field
 from testfield.targets.marks import RingRadii
+from testfield.targets.ring_code import repeats, word_of_number
 
 LARGEST_PX = 210.0
 ROUGH = "grey_centroid"
 """The estimator that looks at every blob before the one that was asked for."""
+WITH_RINGS = "forward_model"
+"""The estimator that measures a dot once more together with its ring when that has been read."""
 WORST_MISFIT = 0.06
 """Rms residual beyond noise, as a fraction of the contrast, above which a blob is no dot."""
 WORST_UNEVEN, CERTAIN_CHI2 = ((4.0, 12.0), (0.04, 0.3)), 2.0
@@ -139,6 +143,16 @@ def measure_targets(
             bits,
             radii,
         )
+        number = np.flatnonzero(code > 0)
+        words = word_of_number(code[number], bits)
+        if centroid == WITH_RINGS:
+            mine = good[number]
+            rows = number[mine]
+            part = Centres(**{name: values[rows] for name, values in vars(centres).items()})
+            fitted = centres_with_rings(image, sheet, part, Rings(affine[rows], words[mine], bits, radii))
+            done = np.flatnonzero(fitted.ok)
+            centres.put(rows[done], Centres(**{name: values[done] for name, values in vars(fitted).items()}))
+        affine[number[repeats(words, bits)]] = np.nan
     if not by_contour:
         status[good & (code >= 0) & _disturbed(centres, good & (code >= 0))] = "partly hidden or disturbed"
     for what, why in (
