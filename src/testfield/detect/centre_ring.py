@@ -18,8 +18,26 @@ from threadpoolctl import threadpool_limits
 from testfield.camera.images import SensorSheet
 from testfield.detect.centre import Centres
 from testfield.detect.centre_forward import (
-    AXX, AXY, AYY, BACKGROUND, BLUR, CLEAR_OF_BLUR, CONTRAST, CONTRAST_X, CONTRAST_Y, CX, FIRST_BLUR_PX, WORST_PX,
-    Batch, dot_model, half_axes, inverse, normal_matrix, root, sound, window_batches,
+    AXX,
+    AXY,
+    AYY,
+    BACKGROUND,
+    BLUR,
+    CLEAR_OF_BLUR,
+    CONTRAST,
+    CONTRAST_X,
+    CONTRAST_Y,
+    CX,
+    FIRST_BLUR_PX,
+    WORST_PX,
+    Batch,
+    dot_model,
+    half_axes,
+    inverse,
+    normal_matrix,
+    root,
+    sound,
+    window_batches,
 )  # fmt: skip
 from testfield.detect.disc import LEAST_BLUR_PX, MOST_BLUR_PX
 from testfield.detect.ring_pixels import bright_segments, ring_in_pixels, ring_nodes
@@ -29,13 +47,18 @@ RING = 12
 """Where the ring's parameters begin, behind the dot's: its contrast in units of the dot's, and the homography's."""
 TURNS = [(i, j) for i in range(3) for j in range(3) if (i, j) != (2, 2)]
 """Entries of the homography's departure from the dot's affine map, in dot radii."""
-PARAMETERS = RING + 1 + len(TURNS)
+BENT = RING + 1 + len(TURNS)
+"""Where the light's curvature begins: contrast, then background that goes with x x, x y, y y, at the outer edge."""
+PARAMETERS = BENT + 6
 NEAR_AFFINE = 1 / np.square([0.03, 0.03, 0.05, 0.03, 0.03, 0.05, 0.02, 0.02])
 """Inverse variances of these entries: how the code was read leaves a turn of a few hundredths open, and perspective
 moves the ring of a target by a few hundredths of its radius."""
-NEAR_EDGE = 2.5
+MOST_BENT = 0.1
+"""Standard deviation of the light's curvature, in units of the contrast."""
+NEAR_EDGE = 3.5
 """Standard deviations of pixel and blur by which pixels keep clear of what may be printed beyond the quiet zone."""
-LONGEST_TURN = 0.1
+LONGEST_TURN, STILL = 0.1, 1e-3
+"""Largest step of an entry, and the step below which a ring lies still."""
 ROUNDS = 10
 
 
@@ -73,12 +96,15 @@ def centres_with_rings(image_dn: np.ndarray, sheet: SensorSheet, rough: Centres,
 @dataclass
 class _Ring:
     """A batch's rings: `bright` (n, bits); `start` (n, 3, 3) the dots' affine maps from disc coordinates (clockwise) to
-    px about the windows' middles; `contrast` (n,) in units of the dots'; `turn` (n, 8) departures."""
+    px about the windows' middles; `contrast` (n,) in units of the dots'; `turn` (n, 8) departures; `bent` (n, 6) the
+    light's curvature in DN, at `reach_px` (n,) from the centre."""
 
     bright: np.ndarray
     start: np.ndarray
     contrast: np.ndarray
     turn: np.ndarray
+    bent: np.ndarray
+    reach_px: np.ndarray
 
     def homography(self) -> np.ndarray:
         departure = np.repeat(np.eye(3)[None], len(self.start), axis=0)
@@ -93,14 +119,16 @@ def _begin(batch: Batch, rings: Rings) -> _Ring:
     start[:, :2, :2] = rings.affine[batch.rows] * [1, -1]
     start[:, :2, 2] = batch.theta[:, :2]
     bright = bright_segments(rings.words[batch.rows], rings.bits)
-    return _Ring(bright, start, np.ones(n), np.zeros((n, len(TURNS))))
+    reach_px = rings.radii.outer * np.abs(np.linalg.eigvalsh(half_axes(batch.theta))).max(axis=1)
+    return _Ring(bright, start, np.ones(n), np.zeros((n, len(TURNS))), np.zeros((n, 6)), reach_px)
 
 
 def _fit(batch: Batch, sheet: SensorSheet, rings: Rings) -> Centres:
     """Gauss and Newton's iteration with weights of the model's own variance."""
     theta, values, ring = batch.theta, batch.values, _begin(batch, rings)
-    prior = np.zeros(PARAMETERS)
-    prior[RING + 1 :] = NEAR_AFFINE
+    prior = np.zeros((len(theta), PARAMETERS))
+    prior[:, RING + 1 : BENT] = NEAR_AFFINE
+    prior[:, BENT:] = 1 / np.square(MOST_BENT * theta[:, [CONTRAST]])
     good = sound(batch, theta)
     safe = theta.copy()
     converged = np.zeros(len(theta), bool)
@@ -111,27 +139,29 @@ def _fit(batch: Batch, sheet: SensorSheet, rings: Rings) -> Centres:
         weight = use / sheet.variance_dn2(model)
         normal, right = normal_matrix(jacobian, weight, values - model)
         normal[:, np.arange(PARAMETERS), np.arange(PARAMETERS)] += prior
-        right[:, RING + 1 :] -= NEAR_AFFINE * ring.turn
+        right[:, RING + 1 :] -= prior[:, RING + 1 :] * np.concatenate([ring.turn, ring.bent], axis=1)
         covariance = inverse(normal)
         step = np.einsum("nij,nj->ni", covariance, right)
         longest = np.abs(step[:, : BLUR + 1]).max(axis=1) / (0.5 * np.maximum(theta[:, BLUR], 0.5))
-        longest = np.maximum(longest, np.abs(step[:, RING + 1 :]).max(axis=1) / LONGEST_TURN)
+        longest = np.maximum(longest, np.abs(step[:, RING + 1 : BENT]).max(axis=1) / LONGEST_TURN)
         step *= np.where(good, np.minimum(1, 1 / np.maximum(longest, 1e-12)), 0)[:, None]
         theta += step[:, :RING]
         theta[:, BLUR] = theta[:, BLUR].clip(LEAST_BLUR_PX, MOST_BLUR_PX)
         ring.contrast += step[:, RING]
-        ring.turn += step[:, RING + 1 :]
+        ring.turn += step[:, RING + 1 : BENT]
+        ring.bent += step[:, BENT:]
         good &= sound(batch, theta) & np.isfinite(ring.turn).all(axis=1)
-        theta[~good], ring.contrast[~good], ring.turn[~good] = safe[~good], 1, 0
+        theta[~good], ring.contrast[~good], ring.turn[~good], ring.bent[~good] = safe[~good], 1, 0, 0
         sigma = np.sqrt(np.maximum(np.einsum("nii->ni", covariance[:, :2, :2]), 0))
-        converged = good & (longest < 1) & (np.abs(step[:, :2]) < 0.02 * sigma + 1e-6).all(axis=1)
+        still = np.abs(step[:, RING + 1 : BENT]).max(axis=1) < STILL
+        converged = good & still & (longest < 1) & (np.abs(step[:, :2]) < 0.02 * sigma + 1e-6).all(axis=1)
         if k and np.all(converged | ~good):
             break
     return _centres(batch, use, values - model, sheet.variance_dn2(model), covariance[:, :2, :2], converged)
 
 
 def _model(batch: Batch, ring: _Ring, rings: Rings) -> tuple[np.ndarray, np.ndarray]:
-    """Pixel values (n, m, m) of dot and ring, and their derivatives (n, 21, m, m)."""
+    """Pixel values (n, m, m) of dot and ring, and their derivatives (n, 27, m, m)."""
     theta = batch.theta
     value, by_dot = dot_model(batch, theta, None)
     homography = ring.homography()
@@ -145,14 +175,21 @@ def _model(batch: Batch, ring: _Ring, rings: Rings) -> tuple[np.ndarray, np.ndar
     lit_x, lit_y = (d * seen.value - spread * seen.by_shape[:, k] for k, d in ((0, dx), (1, dy)))
     whole = column[CONTRAST] * seen.value + column[CONTRAST_X] * lit_x + column[CONTRAST_Y] * lit_y
     lit = column[CONTRAST] + column[CONTRAST_X] * dx + column[CONTRAST_Y] * dy
+    # Far less of the light is bent than sloping: here the blur's width does not matter.
+    u, v = dx / ring.reach_px[:, None, None], dy / ring.reach_px[:, None, None]
+    curves = np.stack([u * u * np.ones_like(v), u * v, v * v * np.ones_like(u)], axis=1)
+    bend, ground = (np.einsum("nk,nkab->nab", part, curves) for part in (ring.bent[:, :3], ring.bent[:, 3:]))
+    whole = whole + bend * seen.value
     share = ring.contrast[:, None, None]
 
+    covered = by_dot[:, CONTRAST] + share * seen.value
     jacobian = np.empty((len(theta), PARAMETERS, *value.shape[1:]))
     jacobian[:, :RING] = by_dot
+    jacobian[:, BENT : BENT + 3], jacobian[:, BENT + 3 :] = curves * covered[:, None], curves
     for k in (0, 1):
         jacobian[:, CX + k] -= share * column[CONTRAST_X + k] * seen.value
     jacobian[:, BLUR] += share * lit * seen.by_blur
-    jacobian[:, CONTRAST] += share * seen.value
+    jacobian[:, CONTRAST] = covered
     jacobian[:, CONTRAST_X] += share * lit_x
     jacobian[:, CONTRAST_Y] += share * lit_y
     jacobian[:, RING] = whole
@@ -168,7 +205,7 @@ def _model(batch: Batch, ring: _Ring, rings: Rings) -> tuple[np.ndarray, np.ndar
         for j in range(3):
             if (i, j) in TURNS:
                 jacobian[:, RING + 1 + TURNS.index((i, j))] = moved * plane[:, j]
-    return value + share * whole, jacobian
+    return value + ground + bend * by_dot[:, CONTRAST] + share * whole, jacobian
 
 
 def _usable(batch: Batch, radii: RingRadii) -> np.ndarray:
