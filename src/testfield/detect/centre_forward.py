@@ -54,10 +54,12 @@ class Batch:
 
     @property
     def half(self) -> int:
+        """Pixels on each side of the windows' middle ones."""
         return self.values.shape[1] // 2
 
     @property
     def middle(self) -> np.ndarray:
+        """(n, 2) px of the windows' middle pixels."""
         return self.corner + self.half
 
 

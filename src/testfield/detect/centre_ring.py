@@ -12,6 +12,7 @@ import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from threadpoolctl import threadpool_limits
 
@@ -60,6 +61,8 @@ NEAR_EDGE = 3.5
 LONGEST_TURN, STILL = 0.1, 1e-3
 """Largest step of an entry, and the step below which a ring lies still."""
 ROUNDS = 10
+PATCH = 3
+"""Side in px of the patches by whose means image and model are compared: a wrong edge is one or two pixels wide."""
 
 
 @dataclass(frozen=True)
@@ -73,12 +76,22 @@ class Rings:
     radii: RingRadii
 
 
-def centres_with_rings(image_dn: np.ndarray, sheet: SensorSheet, rough: Centres, rings: Rings) -> Centres:
-    """Dots of rings that were read, n rows, measured again from `rough` in an image (h, w) of bright marks.
+@dataclass(frozen=True)
+class Fitted:
+    """n dots measured with their rings. `chi2` and `misfit` of the `centres` are those of dot, gap and ring together.
 
-    `chi2` and `misfit` are those of the dot, its gap and its ring together."""
+    Where image and model differ most: `patch` (n,) the mean of a patch of pixels as a fraction of the contrast, and
+    `patch_sigmas` (n,) in standard deviations of its noise."""
+
+    centres: Centres
+    patch: np.ndarray
+    patch_sigmas: np.ndarray
+
+
+def fit_with_rings(image_dn: np.ndarray, sheet: SensorSheet, rough: Centres, rings: Rings) -> Fitted:
+    """Dots of rings that were read, n rows, measured again from `rough` in an image (h, w) of bright marks."""
     n = len(rings.words)
-    found = Centres.empty(n)
+    found = Fitted(Centres.empty(n), np.full(n, np.inf), np.full(n, np.inf))
     if n == 0:
         return found
     theta = np.zeros((n, RING))
@@ -89,7 +102,8 @@ def centres_with_rings(image_dn: np.ndarray, sheet: SensorSheet, rough: Centres,
     batches = list(window_batches(image_dn, theta, rings.radii.outer))
     with threadpool_limits(1, "blas"), ThreadPoolExecutor(min(os.cpu_count() or 1, 4)) as pool:
         for batch, part in zip(batches, pool.map(lambda b: _fit(b, sheet, rings), batches), strict=True):
-            found.put(batch.rows, part)
+            found.centres.put(batch.rows, part.centres)
+            found.patch[batch.rows], found.patch_sigmas[batch.rows] = part.patch, part.patch_sigmas
     return found
 
 
@@ -123,7 +137,7 @@ def _begin(batch: Batch, rings: Rings) -> _Ring:
     return _Ring(bright, start, np.ones(n), np.zeros((n, len(TURNS))), np.zeros((n, 6)), reach_px)
 
 
-def _fit(batch: Batch, sheet: SensorSheet, rings: Rings) -> Centres:
+def _fit(batch: Batch, sheet: SensorSheet, rings: Rings) -> Fitted:
     """Gauss and Newton's iteration with weights of the model's own variance."""
     theta, values, ring = batch.theta, batch.values, _begin(batch, rings)
     prior = np.zeros((len(theta), PARAMETERS))
@@ -157,7 +171,21 @@ def _fit(batch: Batch, sheet: SensorSheet, rings: Rings) -> Centres:
         converged = good & still & (longest < 1) & (np.abs(step[:, :2]) < 0.02 * sigma + 1e-6).all(axis=1)
         if k and np.all(converged | ~good):
             break
-    return _centres(batch, use, values - model, sheet.variance_dn2(model), covariance[:, :2, :2], converged)
+    residual, variance = np.where(use, values - model, 0), np.where(use, sheet.variance_dn2(model), 0)
+    centres = _centres(batch, use, residual, variance, covariance[:, :2, :2], converged)
+    return Fitted(centres, *_worst_patch(residual, variance, theta[:, CONTRAST]))
+
+
+def _worst_patch(residual: np.ndarray, variance: np.ndarray, contrast: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(n,) and (n,) as in `Fitted`, from windows (n, m, m) that are zero where no pixel is used."""
+    mean, spread = (
+        np.array([cv2.blur(window, (PATCH, PATCH), borderType=cv2.BORDER_CONSTANT) for window in part])
+        for part in (residual, variance)
+    )
+    with np.errstate(invalid="ignore", divide="ignore"):
+        sigmas = np.where(spread > 0, np.abs(mean) / np.sqrt(spread / PATCH**2), 0).max(axis=(1, 2))
+        size = np.abs(mean).max(axis=(1, 2)) / contrast
+    return np.nan_to_num(size, nan=np.inf), np.nan_to_num(sigmas, nan=np.inf)
 
 
 def _model(batch: Batch, ring: _Ring, rings: Rings) -> tuple[np.ndarray, np.ndarray]:
@@ -233,9 +261,9 @@ def _centres(
     theta = batch.theta
     count = use.sum(axis=(1, 2))
     freedom = np.maximum(count - PARAMETERS, 1)
-    chi2 = (use * residual**2 / variance).sum(axis=(1, 2)) / freedom
+    chi2 = (residual**2 / np.where(use, variance, 1)).sum(axis=(1, 2)) / freedom
     covariance = covariance * np.where(chi2 > 1 + 3 * np.sqrt(2 / freedom), chi2, 1.0)[:, None, None]
-    excess = (use * (residual**2 - variance)).sum(axis=(1, 2)) / np.maximum(count, 1)
+    excess = (residual**2 - variance).sum(axis=(1, 2)) / np.maximum(count, 1)
     misfit = np.sqrt(np.maximum(excess, 0)) / theta[:, CONTRAST]
     axes = half_axes(theta)
     with np.errstate(invalid="ignore"):

@@ -35,15 +35,16 @@ def decode(
     background_dn: np.ndarray,
     bits: int,
     radii: RingRadii,
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Read the rings of n dots from an image (h, w) float32 of bright marks; arguments as in `Centres`.
 
     Returns the code (n,): a number, or `PLAIN`, `UNREADABLE`, `CROWDED`, `CUT`; and the affine map (n, 2, 2) from the
     target's plane (x right, y up, in dot radii; the code's first segment begins at +x) to px, NaN where there is no
-    code. A word that repeats itself leaves the turn open; the map is then one of several.
+    code. A word that repeats itself leaves the turn open; the map is then one of several. Last the doubt (n,): how far
+    the worst end of a bright part lies from where the word has it, in units of what is allowed.
     """
     if len(xy_px) == 0:
-        return np.zeros(0, int), np.zeros((0, 2, 2))
+        return np.zeros(0, int), np.zeros((0, 2, 2)), np.zeros(0)
     circle = half_axes_of(moments_px2)
     middle_of_gap = (1 + radii.inner) / 2
     ground, contrast = _light(image_dn, xy_px, circle, contrast_dn, background_dn, middle_of_gap)
@@ -68,7 +69,8 @@ def decode(
     plain = (bright.sum(axis=1) < 0.7 * SAMPLES_A_SEGMENT) & (seen.mean(axis=1) > 0.5 + 1 / bits)
     shortest_px = np.sqrt(4 * np.linalg.eigvalsh(moments_px2)[:, 0]) * np.pi * (radii.inner + radii.outer) / bits
     words, trust, phase = _read(np.nan_to_num(ring), bits)
-    trust &= _ends_agree(np.nan_to_num(rings), words, phase, bits, MISPLACED + MISPLACED_PX / shortest_px)
+    doubt = _misplaced(np.nan_to_num(rings), words, phase, bits) / (MISPLACED + MISPLACED_PX / shortest_px)
+    trust &= doubt < 1
     number = number_of_word(words, bits)
 
     code = np.where((number > 0) & trust & quiet, number, UNREADABLE)
@@ -78,14 +80,12 @@ def decode(
     turn = phase + 2 * np.pi / bits * _first_segment(words, bits)
     c, s = np.cos(turn), np.sin(turn)
     upright = np.stack([np.stack([c, s], -1), np.stack([s, -c], -1)], -2)  # rotation after turning y up into y down
-    return code, np.where((code > 0)[:, None, None], circle @ upright, np.nan)
+    return code, np.where((code > 0)[:, None, None], circle @ upright, np.nan), doubt
 
 
-def _ends_agree(
-    rings: np.ndarray, words: np.ndarray, phase: np.ndarray, bits: int, tolerance: np.ndarray
-) -> np.ndarray:
-    """(n,) whether every change from dark to bright lies where the word has it, near the ring's inner edge as near its
-    outer one, within `tolerance` (n,) segments. `rings` (r, n, bits * SAMPLES_A_SEGMENT) levels on several circles.
+def _misplaced(rings: np.ndarray, words: np.ndarray, phase: np.ndarray, bits: int) -> np.ndarray:
+    """(n,) how far, in segments, the worst change between dark and bright lies from where the word has it, near the
+    ring's inner edge or near its outer one. `rings` (r, n, bits * SAMPLES_A_SEGMENT) levels on several circles.
 
     Something dark in front of a dark target shows nowhere else than in the ends of the segments it hides.
     """
@@ -96,7 +96,7 @@ def _ends_agree(
     )
     bit = (words[:, None] >> np.arange(bits - 1, -1, -1).astype(np.uint32)) & 1
     before = np.roll(bit, 1, axis=1)
-    agree = np.ones(n, bool)
+    worst = np.zeros(n)
     for levels in turned:
         # From the middle of one segment to the middle of the next: half of it is bright where they differ. How bright
         # is asked of the segments' middles here, since light is seldom even.
@@ -106,8 +106,8 @@ def _ends_agree(
         bright = np.where(bright > 0, bright, bright.max(axis=1, keepdims=True))
         share = np.clip(levels.reshape(n, bits, k) / np.maximum(bright, 0.2)[..., None], 0, 1).mean(axis=2)
         off = share - (before + bit) / 2
-        agree &= (np.abs(off) < tolerance[:, None]).all(axis=1)
-    return agree
+        worst = np.maximum(worst, np.abs(off).max(axis=1))
+    return worst
 
 
 def _light(
