@@ -33,12 +33,12 @@ DISTURBED, DISTURBED_CHI2, UNUSUAL = 0.004, 1.6, 3.0
 the contrast, and the third times what is usual in the image, and its chi-squared exceeds the second times what is usual
 (at least times one). Real paint, lenses and converters leave every dot some residual."""
 DOUBTFUL, OTHERS = 0.3, 8
-"""Doubt of `decode` beyond which a code is compared with the image of its ring, and how many of the others are, to tell
-how well such images usually agree."""
+"""Doubt of `decode` beyond which a code is compared with the image of its ring even in a hurry, and how many of the
+least doubtful tell how well rings and images usually agree."""
 DISAGREE, DISAGREE_SIGMAS, BY_CHANCE, MOST_USUAL = 0.03, 6.5, 4.0, 9.0
 """A ring is not the one that was read where a patch of pixels departs from its model by the first, as a fraction of the
-contrast, and by the second in sigmas; by more where the image's least doubtful rings depart by more than the third, as
-print and lens of a photograph may have it. More than the last is never held to be usual."""
+contrast, and by the second in sigmas; by more where a photograph's least doubtful rings depart by more than the
+third, as its print and its lens may have it. More than the last is never held to be usual."""
 NEARLY_FULL = 0.98
 LEAST_CONTRAST = 5.0
 """Contrast over noise below which nothing is measured."""
@@ -153,7 +153,7 @@ def measure_targets(
         number = np.flatnonzero(code > 0)
         words = word_of_number(code[number], bits)
         rows = number[good[number]]
-        if centroid != WITH_RINGS:
+        if centroid == ROUGH:  # who asks for it is in a hurry
             rows = rows[_asked(doubt[rows])]
         of_row = np.searchsorted(number, rows)
         part = Centres(**{name: values[rows] for name, values in vars(centres).items()})
@@ -161,7 +161,7 @@ def measure_targets(
         if centroid == WITH_RINGS:
             done = np.flatnonzero(fitted.centres.ok)
             centres.put(rows[done], Centres(**{name: values[done] for name, values in vars(fitted.centres).items()}))
-        status[rows[_disagree(fitted, doubt[rows])]] = "partly hidden or disturbed"
+        status[rows[_disagree(fitted, doubt[rows], by_contour)]] = "partly hidden or disturbed"
         affine[number[repeats(words, bits)]] = np.nan
     if not by_contour:
         status[good & (code >= 0) & _disturbed(centres, good & (code >= 0))] = "partly hidden or disturbed"
@@ -201,12 +201,11 @@ def _asked(doubt: np.ndarray) -> np.ndarray:
     )
 
 
-def _disagree(fitted: Fitted, doubt: np.ndarray) -> np.ndarray:
+def _disagree(fitted: Fitted, doubt: np.ndarray, photograph: bool) -> np.ndarray:
     """(n,) which rings are not as the image has them: where something dark hides segments, another number is read."""
-    if len(doubt) == 0:
-        return np.zeros(0, bool)
-    sigmas = fitted.patch_sigmas
-    usual = min(float(np.median(sigmas[np.argsort(doubt)[:OTHERS]])), MOST_USUAL)
+    sigmas, usual = fitted.patch_sigmas, 0.0
+    if photograph and len(doubt):
+        usual = min(float(np.median(sigmas[np.argsort(doubt)[:OTHERS]])), MOST_USUAL)
     beyond_chance = np.sqrt(max(usual**2 - BY_CHANCE**2, 0))
     return (fitted.patch > DISAGREE) & (sigmas > DISAGREE_SIGMAS + 5 * beyond_chance)
 
