@@ -11,6 +11,7 @@ from testfield.detect.decode import CROWDED, CUT, PLAIN, UNREADABLE, decode
 from testfield.detect.find import find_blobs
 from testfield.detect.identify import identify
 from testfield.detect.observations import MEASURED, Observations
+from testfield.detect.outline import POLYGON, UNTOLD, shapes
 from testfield.detect.screen import may_be_dots
 from testfield.registry import find
 from testfield.targets.field import Field
@@ -28,6 +29,8 @@ DISTURBED, DISTURBED_CHI2, UNUSUAL = 0.004, 1.6, 3.0
 """A dot is partly hidden or touched by something where its residual beyond noise exceeds the first, as a fraction of
 the contrast, and the third times what is usual in the image, and its chi-squared exceeds the second times what is usual
 (at least times one). Real paint, lenses and converters leave every dot some residual."""
+LARGEST_ROUNDED_PX = 32.0
+"""No blur of up to 4 px makes a square that is larger look elliptic at its edge."""
 NEARLY_FULL = 0.98
 LEAST_CONTRAST = 5.0
 """Contrast over noise below which nothing is measured."""
@@ -139,7 +142,13 @@ def measure_targets(
             bits,
             radii,
         )
-    if not by_contour:
+    if by_contour:
+        # A ring that was read vouches for its dot.
+        asked = np.flatnonzero(good & (code == PLAIN) & (diameter < LARGEST_ROUNDED_PX))
+        shape = shapes(image, sheet, centres.xy_px[asked], centres.moments_px2[asked])
+        status[asked[shape == POLYGON]] = "a polygon"
+        status[asked[shape == UNTOLD]] = "too small to tell from a square"
+    else:
         status[good & (code >= 0) & _disturbed(centres, good & (code >= 0))] = "partly hidden or disturbed"
     for what, why in (
         (CROWDED, "surroundings are not a target's"),
