@@ -9,6 +9,8 @@ from testfield.targets.ring_code import number_of_word, smallest_rotation
 PLAIN, UNREADABLE, CROWDED, CUT = 0, -1, -2, -3
 """What `decode` says instead of a number: a plain dot; a ring that cannot be read; surroundings that are no target's;
 a ring of which the image shows only a part."""
+HOLE = 0.6
+"""A plain dot has ground where a ring would be: bright in more than this part of all directions it is no dot."""
 SAMPLES_A_SEGMENT = 16
 ACROSS = (0.3, 0.5, 0.7)
 """Where the ring is sampled, from its inner to its outer edge."""
@@ -66,6 +68,8 @@ def decode(
         quiet = (np.abs(np.nan_to_num(outside)) < 0.5).mean(axis=1) > 0.85
     # A code has two opposite segments that are bright: half of the ring is enough to see that there is none.
     plain = (bright.sum(axis=1) < 0.7 * SAMPLES_A_SEGMENT) & (seen.mean(axis=1) > 0.5 + 1 / bits)
+    # A disc in the middle of a bright surface is a ring's hole.
+    hole = (ring > 0.5).sum(axis=1) > HOLE * np.maximum(seen.sum(axis=1), 1)
     shortest_px = np.sqrt(4 * np.linalg.eigvalsh(moments_px2)[:, 0]) * np.pi * (radii.inner + radii.outer) / bits
     words, trust, phase = _read(np.nan_to_num(ring), bits)
     trust &= _ends_agree(np.nan_to_num(rings), words, phase, bits, MISPLACED + MISPLACED_PX / shortest_px)
@@ -74,7 +78,7 @@ def decode(
     code = np.where((number > 0) & trust & quiet, number, UNREADABLE)
     code = np.where(seen.all(axis=1), code, CUT)
     code = np.where(plain, PLAIN, code)
-    code = np.where(isolated, code, CROWDED)
+    code = np.where(isolated & ~((code == PLAIN) & hole), code, CROWDED)
     turn = phase + 2 * np.pi / bits * _first_segment(words, bits)
     c, s = np.cos(turn), np.sin(turn)
     upright = np.stack([np.stack([c, s], -1), np.stack([s, -c], -1)], -2)  # rotation after turning y up into y down

@@ -29,8 +29,6 @@ DISTURBED, DISTURBED_CHI2, UNUSUAL = 0.004, 1.6, 3.0
 """A dot is partly hidden or touched by something where its residual beyond noise exceeds the first, as a fraction of
 the contrast, and the third times what is usual in the image, and its chi-squared exceeds the second times what is usual
 (at least times one). Real paint, lenses and converters leave every dot some residual."""
-LARGEST_ROUNDED_PX = 32.0
-"""No blur of up to 4 px makes a square that is larger look elliptic at its edge."""
 NEARLY_FULL = 0.98
 LEAST_CONTRAST = 5.0
 """Contrast over noise below which nothing is measured."""
@@ -143,11 +141,11 @@ def measure_targets(
             radii,
         )
     if by_contour:
-        # A ring that was read vouches for its dot.
-        asked = np.flatnonzero(good & (code == PLAIN) & (diameter < LARGEST_ROUNDED_PX))
+        asked = np.flatnonzero(good & (code >= 0))
         shape = shapes(image, sheet, centres.xy_px[asked], centres.moments_px2[asked])
         status[asked[shape == POLYGON]] = "a polygon"
-        status[asked[shape == UNTOLD]] = "too small to tell from a square"
+        # A ring that was read vouches for its dot.
+        status[asked[(shape == UNTOLD) & (code[asked] == PLAIN)]] = "too blurred to tell its shape"
     else:
         status[good & (code >= 0) & _disturbed(centres, good & (code >= 0))] = "partly hidden or disturbed"
     for what, why in (

@@ -9,6 +9,7 @@ parameters free: how large it is, and how well the pixels tell.
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from testfield.camera.images import SensorSheet
@@ -19,7 +20,7 @@ from testfield.detect.screen import half_axes_of
 DISC, POLYGON, UNTOLD = 0, 1, 2
 CORNERS = (3, 4, 5, 6)
 """Of the polygons that are asked after. Tilt makes any affine image of a regular one, which is fitted with the rest."""
-RECTANGLE = CORNERS.index(4)
+MOST_CORNERS = CORNERS.index(5)
 ROUNDED = 0.6
 """The part of a regular polygon's harmonic that a polygon has at least: corners are rounded, and none is regular."""
 FLOOR_PX = 0.04
@@ -28,7 +29,10 @@ leave: a photograph of dots of 10 px after resampling and JPEG has 0.03 to 0.05.
 SURE = 3.0
 """Standard deviations by which an outline must differ from an ellipse to be a polygon's."""
 TOLD = 2 * SURE
-"""Standard deviations between a disc and a rectangle below which the pixels do not tell."""
+"""Standard deviations between a disc and a pentagon below which the pixels do not tell. That is asked of squares too:
+what is too blurred for a pentagon may be a smooth spot of light."""
+LARGEST_PX = 32.0
+"""Larger dots are looked at in images of half the size, and so on."""
 ROUNDS, NEAR_PX = 12, 1e-3
 FIRST_BLUR_PX, LEAST_BLUR_PX, MOST_BLUR_PX = 0.8, 0.25, 6.0
 LEAST_POINTS = 48
@@ -67,7 +71,25 @@ class Harmonics:
 def shapes(image_dn: np.ndarray, sheet: SensorSheet, xy_px: np.ndarray, moments_px2: np.ndarray) -> np.ndarray:
     """(n,) of `DISC`, `POLYGON`, `UNTOLD` where the pixels do not tell, for bright blobs at (n, 2) px with moments
     (n, 2, 2) in an image (h, w) float32."""
-    found = harmonics(image_dn, sheet, xy_px, moments_px2)
+    answer = np.full(len(xy_px), UNTOLD)
+    level, scale = image_dn, 1
+    diameter = 4 * np.maximum(np.linalg.det(moments_px2), 0) ** 0.25
+    while len(level):
+        here = (diameter < LARGEST_PX * scale) & (diameter >= (LARGEST_PX * scale / 2 if scale > 1 else 0))
+        if here.any():
+            xy = (xy_px[here] + 0.5) / scale - 0.5
+            answer[here] = _answer(harmonics(level, sheet, xy, moments_px2[here] / scale**2))
+        if (diameter < LARGEST_PX * scale).all():
+            return answer
+        # A mean of four pixels has a quarter of the variance that the sheet says: for large dots that does no harm.
+        even = level[: level.shape[0] // 2 * 2, : level.shape[1] // 2 * 2]
+        level = cv2.resize(even, (even.shape[1] // 2, even.shape[0] // 2), interpolation=cv2.INTER_AREA)
+        scale *= 2
+    return answer
+
+
+def _answer(found: "Harmonics") -> np.ndarray:
+    """(n,) as of `shapes`."""
     part, information = np.nan_to_num(found.part), np.nan_to_num(found.information)
     # The likelihoods of a disc and of the best polygon, turned as it may be and rounded as far as polygons are.
     turn = np.linspace(0, 2 * np.pi, 72, endpoint=False)
@@ -77,7 +99,7 @@ def shapes(image_dn: np.ndarray, sheet: SensorSheet, xy_px: np.ndarray, moments_
     nearer = (along > ROUNDED / 2 * square).any(axis=2)
     off = np.einsum("nci,ncij,ncj->nc", part, information, part)
     answer = np.where((nearer & (off > SURE**2)).any(axis=1), POLYGON, DISC)
-    return np.where(square[:, RECTANGLE].min(axis=1) < TOLD**2, UNTOLD, answer)
+    return np.where(square[:, MOST_CORNERS].min(axis=1) < TOLD**2, UNTOLD, answer)
 
 
 def harmonics(image_dn: np.ndarray, sheet: SensorSheet, xy_px: np.ndarray, moments_px2: np.ndarray) -> Harmonics:
