@@ -11,7 +11,7 @@ from testfield.detect.decode import CROWDED, CUT, PLAIN, UNREADABLE, decode
 from testfield.detect.find import find_blobs
 from testfield.detect.identify import identify
 from testfield.detect.observations import MEASURED, Observations
-from testfield.detect.outline import POLYGON, UNTOLD, shapes
+from testfield.detect.outline import POLYGON, UNEVEN, UNTOLD, shapes
 from testfield.detect.screen import may_be_dots
 from testfield.registry import find
 from testfield.targets.field import Field
@@ -144,8 +144,9 @@ def measure_targets(
         asked = np.flatnonzero(good & (code >= 0))
         shape = shapes(image, sheet, centres.xy_px[asked], centres.moments_px2[asked])
         status[asked[shape == POLYGON]] = "a polygon"
-        # A ring that was read vouches for its dot.
-        status[asked[(shape == UNTOLD) & (code[asked] == PLAIN)]] = "too blurred to tell its shape"
+        for what, why in ((UNEVEN, "a ring or a spot"), (UNTOLD, "too blurred to tell its shape")):
+            # A ring code that was read vouches for its dot.
+            status[asked[(shape == what) & (code[asked] == PLAIN)]] = why
     else:
         status[good & (code >= 0) & _disturbed(centres, good & (code >= 0))] = "partly hidden or disturbed"
     for what, why in (

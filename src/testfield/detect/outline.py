@@ -17,12 +17,16 @@ from testfield.detect.centre import half_widths, usable, windows
 from testfield.detect.disc import disc_in_pixels, ellipse_outline, outline_points
 from testfield.detect.screen import half_axes_of
 
-DISC, POLYGON, UNTOLD = 0, 1, 2
+DISC, POLYGON, UNEVEN, UNTOLD = range(4)
 CORNERS = (3, 4, 5, 6)
 """Of the polygons that are asked after. Tilt makes any affine image of a regular one, which is fitted with the rest."""
 MOST_CORNERS = CORNERS.index(5)
-ROUNDED = 0.6
-"""The part of a regular polygon's harmonic that a polygon has at least: corners are rounded, and none is regular."""
+ROUNDED = np.array([0.3, 0.6, 0.6, 0.6])
+"""The part of a regular polygon's harmonic that a polygon has at least: corners are rounded, none is regular, and half
+discs and sectors have less of three corners."""
+HOLE, HOLLOW = 0.5, 0.6
+"""Radius of the hole that is asked after, and how much darker or brighter than the dot it must be to be one, as a part
+of the contrast."""
 FLOOR_PX = 0.04
 """Standard deviation of a dot's outline from an ellipse, in each harmonic, that paint and a converter's interpolation
 leave: a photograph of dots of 10 px after resampling and JPEG has 0.03 to 0.05."""
@@ -60,17 +64,24 @@ AMPLITUDE = np.array([polygon_harmonic(corners) for corners in CORNERS])
 
 @dataclass(frozen=True)
 class Harmonics:
-    """Of n blobs, for each of `CORNERS`: `part` (n, c, 2) the harmonic's cosine and sine in units of the polygon's
-    amplitude, `information` (n, c, 2, 2) the inverse of its covariance, with `FLOOR_PX` in it. NaN where no ellipse
-    could be fitted."""
+    """What the pixels tell of n blobs, NaN where no ellipse could be fitted.
+
+    For each of `CORNERS`: `part` (n, c, 2) the harmonic's cosine and sine in units of the polygon's amplitude,
+    `information` (n, c, 2, 2) the inverse of its covariance, with `FLOOR_PX` in it, `separation` (n, c) standard
+    deviations of noise alone between disc and polygon, however that is turned. `hollow` (n,) how much darker the
+    middle is than the rest, as a part of the contrast, and `u_hollow` (n,) its standard deviation.
+    """
 
     part: np.ndarray
     information: np.ndarray
+    separation: np.ndarray
+    hollow: np.ndarray
+    u_hollow: np.ndarray
 
 
 def shapes(image_dn: np.ndarray, sheet: SensorSheet, xy_px: np.ndarray, moments_px2: np.ndarray) -> np.ndarray:
-    """(n,) of `DISC`, `POLYGON`, `UNTOLD` where the pixels do not tell, for bright blobs at (n, 2) px with moments
-    (n, 2, 2) in an image (h, w) float32."""
+    """(n,) of `DISC`, `POLYGON`, `UNEVEN` for rings and spots, `UNTOLD` where the pixels do not tell, for bright blobs
+    at (n, 2) px with moments (n, 2, 2) in an image (h, w) float32."""
     answer = np.full(len(xy_px), UNTOLD)
     level, scale = image_dn, 1
     diameter = 4 * np.maximum(np.linalg.det(moments_px2), 0) ** 0.25
@@ -96,24 +107,26 @@ def _answer(found: "Harmonics") -> np.ndarray:
     polygon = np.column_stack([np.cos(turn), np.sin(turn)])
     along = np.einsum("nci,ncij,kj->nck", part, information, polygon)
     square = np.einsum("ki,ncij,kj->nck", polygon, information, polygon)
-    nearer = (along > ROUNDED / 2 * square).any(axis=2)
+    nearer = (along > ROUNDED[:, None] / 2 * square).any(axis=2)
     off = np.einsum("nci,ncij,ncj->nc", part, information, part)
     answer = np.where((nearer & (off > SURE**2)).any(axis=1), POLYGON, DISC)
-    return np.where(square[:, MOST_CORNERS].min(axis=1) < TOLD**2, UNTOLD, answer)
+    hollow = np.abs(np.nan_to_num(found.hollow))
+    answer[(answer == DISC) & (hollow > HOLLOW / 2) & (hollow > SURE * np.nan_to_num(found.u_hollow))] = UNEVEN
+    return np.where(np.nan_to_num(found.separation[:, MOST_CORNERS]) < TOLD, UNTOLD, answer)
 
 
 def harmonics(image_dn: np.ndarray, sheet: SensorSheet, xy_px: np.ndarray, moments_px2: np.ndarray) -> Harmonics:
     """What the pixels tell of the outlines of bright blobs; arguments as of `shapes`."""
     n, c = len(xy_px), len(CORNERS)
-    found = Harmonics(np.full((n, c, 2), np.nan), np.full((n, c, 2, 2), np.nan))
+    found = Harmonics(*(np.full(shape, np.nan) for shape in ((n, c, 2), (n, c, 2, 2), (n, c), n, n)))
     for rows, values, x, y, inside in windows(image_dn, xy_px, half_widths(moments_px2), BATCH):
         origin = np.rint(xy_px[rows])
         side = round(np.sqrt(values.shape[1]))
         window = _Window(values, x - origin[:, :1], y - origin[:, 1:], inside, side)
         theta, good = _start(window, xy_px[rows] - origin, moments_px2[rows], sheet)
         _fit(window, theta, good, sheet)
-        part, information = _measure(window, theta, sheet)
-        found.part[rows[good]], found.information[rows[good]] = part[good], information[good]
+        for whole, part in zip(vars(found).values(), _measure(window, theta, sheet), strict=True):
+            whole[rows[good]] = part[good]
     return found
 
 
@@ -182,27 +195,32 @@ def _fit(window: _Window, theta: np.ndarray, good: np.ndarray, sheet: SensorShee
             return
 
 
-def _measure(window: _Window, theta: np.ndarray, sheet: SensorSheet) -> tuple[np.ndarray, np.ndarray]:
-    """The harmonics' parts and information, as in `Harmonics`, about fitted ellipses."""
+def _measure(window: _Window, theta: np.ndarray, sheet: SensorSheet) -> tuple[np.ndarray, ...]:
+    """What `Harmonics` holds, about fitted ellipses."""
     model, jacobian = _model(window, theta, True)
     normal, score = _normal(jacobian, window.use / sheet.variance_dn2(model), window.values - model)
     eliminate = normal[:, ELLIPSE:, :ELLIPSE] @ _inverse(normal[:, :ELLIPSE, :ELLIPSE])
     information = normal[:, ELLIPSE:, ELLIPSE:] - eliminate @ normal[:, :ELLIPSE, ELLIPSE:]
     score = score[:, ELLIPSE:] - np.einsum("nij,nj->ni", eliminate, score[:, :ELLIPSE])
     radius = np.sqrt(np.maximum(np.linalg.det(_axes(theta)), 1e-12))
-    parts, informations = [], []
+    parts, informations, separations = [], [], []
     for k, amplitude in enumerate(AMPLITUDE):
         pair = slice(2 * k, 2 * k + 2)
         covariance = np.linalg.pinv(information[:, pair, pair], 1e-9, hermitian=True)
         parts.append(np.einsum("nij,nj->ni", covariance, score[:, pair]) / amplitude)
+        least = np.linalg.eigvalsh(information[:, pair, pair])[:, 0]
+        separations.append(amplitude * np.sqrt(np.maximum(least, 0)))
         covariance = covariance + ((FLOOR_PX / radius) ** 2)[:, None, None] * np.eye(2)
         informations.append(np.linalg.inv(covariance) * amplitude**2)
-    return np.stack(parts, axis=1), np.stack(informations, axis=1)
+    variance = 1 / np.maximum(information[:, -1, -1], 1e-300)
+    contrast = theta[:, CONTRAST]
+    hollow, u_hollow = -variance * score[:, -1] / contrast, np.sqrt(variance) / contrast
+    return np.stack(parts, axis=1), np.stack(informations, axis=1), np.stack(separations, axis=1), hollow, u_hollow
 
 
 def _model(window: _Window, theta: np.ndarray, with_harmonics: bool) -> tuple[np.ndarray, np.ndarray]:
     """Pixel values (n, k) and their derivatives (n, 12, k) by the ellipse's parameters, and, where asked, by cosine and
-    sine of each harmonic, in parts of the radius."""
+    sine of each harmonic, in parts of the radius, and by the level of a disc in the middle."""
     n, side, axes = len(theta), window.side, _axes(theta)
     largest = float(np.abs(np.linalg.eigvalsh(axes)).max())
     count = max(outline_points(largest, float(theta[:, BLUR].min())), LEAST_POINTS)
@@ -212,10 +230,14 @@ def _model(window: _Window, theta: np.ndarray, with_harmonics: bool) -> tuple[np
         angle = 2 * np.pi * np.arange(count) / count
         waves = np.concatenate([[np.cos(k * angle), np.sin(k * angle)] for k in CORNERS])
         by_shape = np.concatenate([by_shape, waves[:, :, None] * outline[:, None]], axis=1)
-    disc = disc_in_pixels(
-        outline + theta[:, None, :2], tangent, by_shape, theta[:, BLUR], window.x[:, :side], window.y[:, ::side]
-    )
+    grid = window.x[:, :side], window.y[:, ::side]
+    disc = disc_in_pixels(outline + theta[:, None, :2], tangent, by_shape, theta[:, BLUR], *grid)
     value = disc.value.reshape(n, -1)
+    middle = []
+    if with_harmonics:
+        hole = HOLE * outline + theta[:, None, :2]
+        inner = disc_in_pixels(hole, HOLE * tangent, by_shape[:, :1], theta[:, BLUR], *grid)
+        middle = [inner.value.reshape(n, 1, -1)]
     by_shape = disc.by_shape.reshape(n, -1, side * side)
     dx, dy = window.x - theta[:, [CX]], window.y - theta[:, [CY]]
     lit = theta[:, [CONTRAST]] + theta[:, [CONTRAST_X]] * dx + theta[:, [CONTRAST_Y]] * dy
@@ -229,7 +251,7 @@ def _model(window: _Window, theta: np.ndarray, with_harmonics: bool) -> tuple[np
     jacobian[:, BACKGROUND_X], jacobian[:, BACKGROUND_Y] = dx, dy
     jacobian[:, ELLIPSE:] = lit[:, None] * by_shape[:, BLUR:]
     ground = theta[:, [BACKGROUND]] + theta[:, [BACKGROUND_X]] * dx + theta[:, [BACKGROUND_Y]] * dy
-    return ground + lit * value, jacobian
+    return ground + lit * value, np.concatenate([jacobian, *middle], axis=1)
 
 
 def _normal(jacobian: np.ndarray, weight: np.ndarray, residual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
