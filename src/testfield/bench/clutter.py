@@ -162,29 +162,26 @@ def _background(panels: _Panels, marks: list, random: np.random.Generator) -> No
 
 
 def _shapes(panels: _Panels, blur_px: float, random: np.random.Generator) -> Shapes:
-    """Sheets of shapes in rows, shapes anywhere, and rods that shine."""
+    """Sheets of shapes in rows, shapes anywhere, and rods that shine; all of it behind the targets."""
     # The pixel blurs too, as much as a Gaussian of 0.29 px; tilt makes what is there half as wide.
     shapes = Shapes(2 * np.hypot(blur_px, 0.29) * 3800 / FOCAL_PX)
     for _ in range(4):
-        at, R, pitch = _place(random, 3700, 4200), _turn(random, 1.0), np.exp(random.uniform(*np.log([30, 120])))
+        at, R, pitch = _place(random, 3900, 4400), _turn(random, 1.0), np.exp(random.uniform(*np.log([30, 120])))
         paper, print_ = random.permutation([random.uniform(0.02, 0.3), random.uniform(0.45, 0.9)])
         sheet = panels.add(at, R, (9 * pitch, 7 * pitch), paper, 0)
         panels.rows[sheet] = (*panels.rows[sheet][:5], np.full(4, level := random.uniform(0.35, 1.0)))
         for k in range(48):
-            cell, kind = np.array([k % 8 - 3.5, k // 8 - 2.5, 0]) * pitch, SHAPES[random.integers(len(SHAPES))]
+            cell, kind = np.array([k % 8 - 3.5, k // 8 - 2.5, 0]) * pitch, SHAPES[int(random.integers(len(SHAPES)))]
             size = pitch * random.uniform(0.15, 0.42)
             shapes.add(at + R @ (cell + [0, 0, 0.5]), R, size, kind, level * print_, level * paper, random)
     flat = [kind for kind in SHAPES if kind[0] != HIGHLIGHT]
     for _ in range(60):
-        at, size, kind = (
-            _place(random, 3400, 3590),
-            np.exp(random.uniform(*np.log([5, 60]))),
-            random.integers(len(flat)),
-        )
-        shapes.add(at, _turn(random, 1.0), size, flat[kind], random.uniform(0.02, 0.9), 0, random)
+        at, size = _place(random, 3500, 3590), np.exp(random.uniform(*np.log([5, 60])))
+        kind = flat[int(random.integers(len(flat)))]
+        shapes.add(at, _turn(random, 1.0), size, kind, random.uniform(0.02, 0.9), 0, random)
     for _ in range(8):
         length = random.uniform(30, 500)
-        rod = panels.add(_place(random, 3300, 3390), _turn(random, 1.0), (length, random.uniform(4, 20)), 0.9, 0)
+        rod = panels.add(_place(random, 3620, 3700), _turn(random, 1.0), (length, random.uniform(4, 20)), 0.9, 0)
         panels.rows[rod] = (*panels.rows[rod][:5], np.full(4, random.uniform(0.8, 3.0)))
     return shapes
 
