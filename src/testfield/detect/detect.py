@@ -143,10 +143,11 @@ def measure_targets(
     if by_contour:
         asked = np.flatnonzero(good & (code >= 0))
         shape = shapes(image, sheet, centres.xy_px[asked], centres.moments_px2[asked])
-        status[asked[shape == POLYGON]] = "a polygon"
+        status[asked[shape == POLYGON]], code[asked[shape == POLYGON]] = "a polygon", CROWDED
         for what, why in ((UNEVEN, "a ring or a spot"), (UNTOLD, "too blurred to tell its shape")):
             # A ring code that was read vouches for its dot.
             status[asked[(shape == what) & (code[asked] == PLAIN)]] = why
+        good &= status == MEASURED
     else:
         status[good & (code >= 0) & _disturbed(centres, good & (code >= 0))] = "partly hidden or disturbed"
     for what, why in (
