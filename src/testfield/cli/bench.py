@@ -19,7 +19,7 @@ def add(commands: Any) -> None:
     )
     p.add_argument("--empty", type=int, default=50, metavar="N", help="recall: views without targets (default: 50)")
     p.add_argument("--scene", type=Path, default=Path("scenes/shadowed_board.toml"), metavar="SCENE", help="render's")
-    p.add_argument("--quick", action="store_true", help="detect: fewer cases and exposures")
+    p.add_argument("--quick", action="store_true", help="detect, recall: a few minutes' worth")
     p.add_argument("--out", type=Path, default=Path("renders"), metavar="FOLDER", help="where detect's page goes")
     p.add_argument("--json", action="store_true", help="print one JSON object")
     p.set_defaults(act=act)
@@ -99,15 +99,18 @@ def _recall(args: argparse.Namespace) -> int:
 
     from testfield.bench.recall import bench_recall
 
-    figures = bench_recall(args.targets, args.empty, _tell)
+    targets, empty = (min(args.targets, 1000), min(args.empty, 5)) if args.quick else (args.targets, args.empty)
+    figures = bench_recall(targets, empty, _tell)
     if args.json:
         print(json.dumps(figures))
         return 0
-    print(f"found                 {figures['found_percent']:.2f} % of {figures['clear']} targets in clear sight")
-    print(f"of these read rightly {figures['decoded_rightly_percent']:.2f} %")
-    print(f"wrong numbers         {figures['wrong']} in {figures['rendered']} targets")
-    print(f"false finds           {figures['false']} in {figures['views']} views with targets")
-    print(f"                      {figures['false_in_empty_views']} in {figures['empty_views']} views without")
+    for verdict in figures["verdicts"]:
+        word, limit = "met   " if verdict["met"] else "missed", verdict["limit"]
+        print(f"{word}  {verdict['name']:<62} {verdict['measured']:>7.4g}  (asked: {limit})")
+    print(f"false finds in {figures['views']} views with targets: {figures['false']}")
+    for band, clear in figures["clear_by_tilt"].items():
+        found = figures["found_by_tilt"][band]
+        print(f"tilt {band:>5} degrees: {found} found of {clear} in clear sight, {100 * found / max(clear, 1):.2f} %")
     for why, times in figures["missed"].items():
-        print(f"missed                {times:>4}  {why}")
+        print(f"not found: {times:>4}  {why}")
     return 0

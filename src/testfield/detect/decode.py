@@ -12,6 +12,8 @@ from testfield.targets.ring_code import number_of_word, smallest_rotation
 PLAIN, UNREADABLE, CROWDED, CUT = 0, -1, -2, -3
 """What `decode` says instead of a number: a plain dot; a ring that cannot be read; surroundings that are no target's;
 a ring of which the image shows only a part."""
+HOLE = 0.6
+"""A plain dot has ground where a ring would be: bright in more than this part of all directions it is no dot."""
 SAMPLES_A_SEGMENT, TO_SEE = 16, 4
 """How densely a ring is sampled to read it, and to see whether there is one."""
 ACROSS = (0.3, 0.5, 0.7)
@@ -128,7 +130,9 @@ def _decode(seen_from: _Surroundings, bits: int) -> tuple[np.ndarray, np.ndarray
         ring = near.rings(bits * TO_SEE).mean(axis=0)
         bright, _ = near.bright(ring)
         plain = (bright.sum(axis=1) < 0.7 * TO_SEE) & ((~np.isnan(ring)).mean(axis=1) > 0.5 + 1 / bits)
-    code[isolated[plain]] = PLAIN
+        # A disc in the middle of a bright surface is a ring's hole.
+        hole = (ring > 0.5).sum(axis=1) > HOLE * np.maximum((~np.isnan(ring)).sum(axis=1), 1)
+    code[isolated[plain & ~hole]] = PLAIN
     ringed = isolated[~plain]
     if len(ringed):
         code[ringed], affine[ringed], doubt[ringed] = _decode_rings(near.only(~plain), bits)

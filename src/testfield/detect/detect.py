@@ -16,6 +16,7 @@ from testfield.detect.decode import CROWDED, CUT, PLAIN, UNREADABLE, decode
 from testfield.detect.find import find_blobs
 from testfield.detect.identify import identify
 from testfield.detect.observations import MEASURED, Observations
+from testfield.detect.outline import POLYGON, UNEVEN, UNTOLD, shapes
 from testfield.detect.screen import may_be_dots
 from testfield.detect.square_boards import detect_squares
 from testfield.registry import find
@@ -178,7 +179,15 @@ def measure_targets(
             centres.put(rows[done], Centres(**{name: values[done] for name, values in vars(fitted.centres).items()}))
         status[rows[_disagree(fitted, doubt[rows], by_contour)]] = "partly hidden or disturbed"
         affine[number[repeats(words, bits)]] = np.nan
-    if not by_contour:
+    if by_contour:
+        asked = np.flatnonzero(good & (code >= 0))
+        shape = shapes(image, sheet, centres.xy_px[asked], centres.moments_px2[asked])
+        status[asked[shape == POLYGON]], code[asked[shape == POLYGON]] = "a polygon", CROWDED
+        for what, why in ((UNEVEN, "a ring or a spot"), (UNTOLD, "too blurred to tell its shape")):
+            # A ring code that was read vouches for its dot.
+            status[asked[(shape == what) & (code[asked] == PLAIN)]] = why
+        good &= status == MEASURED
+    else:
         status[good & (code >= 0) & _disturbed(centres, good & (code >= 0))] = "partly hidden or disturbed"
     for what, why in (
         (CROWDED, "surroundings are not a target's"),
