@@ -223,7 +223,8 @@ def _model(batch: Batch, ring: _Ring, rings: Rings) -> tuple[np.ndarray, np.ndar
     jacobian[:, RING] = whole
     # Whatever moves an outline a little moves its blurred image likewise.
     x, y = np.broadcast_to(offset, value.shape[1:]), np.broadcast_to(offset[:, None], value.shape[1:])
-    plane = np.einsum("nij,jab->niab", np.linalg.inv(homography), np.stack([x, y, np.ones_like(x)]))
+    pixels = np.stack([x, y, np.ones_like(x)])
+    plane = (np.linalg.inv(homography) @ pixels.reshape(3, -1)).reshape(-1, *pixels.shape)
     plane = plane / plane[:, 2:]
     depth = np.einsum("nj,njab->nab", homography[:, 2], plane)
     by_x, by_y = (share * lit * seen.by_shape[:, k] / depth for k in (0, 1))
@@ -240,11 +241,10 @@ def _usable(batch: Batch, radii: RingRadii) -> np.ndarray:
     """(n, m, m) pixels as far as the ring is felt, clear of what may lie beyond its quiet zone."""
     theta = batch.theta
     offset = np.arange(-batch.half, batch.half + 1)
-    at = np.stack(
-        np.broadcast_arrays((offset - theta[:, [CX]])[:, None, :], (offset - theta[:, [CX + 1]])[:, :, None]), axis=-1
-    )
-    q = np.linalg.norm(np.einsum("nij,nabj->nabi", np.linalg.inv(half_axes(theta)), at), axis=-1)
-    px_per_q = np.linalg.norm(at, axis=-1) / np.maximum(q, 1e-9)
+    dx, dy = (offset - theta[:, [CX]])[:, None, :], (offset - theta[:, [CX + 1]])[:, :, None]
+    to_circle = np.linalg.inv(half_axes(theta))[..., None, None]
+    q = np.hypot(to_circle[:, 0, 0] * dx + to_circle[:, 0, 1] * dy, to_circle[:, 1, 0] * dx + to_circle[:, 1, 1] * dy)
+    px_per_q = np.hypot(dx, dy) / np.maximum(q, 1e-9)
     blur = np.hypot(theta[:, BLUR], 0.29)[:, None, None]
     felt = (q - radii.outer) * px_per_q <= CLEAR_OF_BLUR * blur
     return felt & (((radii.quiet - q) * px_per_q >= NEAR_EDGE * blur) | (q <= radii.outer))
