@@ -13,6 +13,7 @@ from testfield.camera.photograph import photograph_of
 from testfield.detect.circle_grid import order_grid
 from testfield.detect.detect import measure_targets
 from testfield.detect.identify import identify
+from testfield.detect.observations import MEASURED
 from testfield.detect.opencv_boards import detect_board
 from testfield.detect.photograph import detect_in_photograph
 from testfield.detect.target_spec import parse_target
@@ -38,7 +39,7 @@ def test_the_count_notices_a_wrong_number_and_a_false_find() -> None:
     view = cluttered_view(1, 15)
     found = look(view, take(view, 15))
     code = found.code.copy()
-    code[np.flatnonzero(found.code > 0)[0]] += 1
+    code[np.flatnonzero((found.code > 0) & (found.status == MEASURED))[0]] += 1
     recall = Recall()
     count(recall, view, type(found)(**(vars(found) | {"code": code})))
     assert recall.wrong == 1
