@@ -112,7 +112,8 @@ def _answer(found: "Harmonics") -> np.ndarray:
     answer = np.where((nearer & (off > SURE**2)).any(axis=1), POLYGON, DISC)
     hollow = np.abs(np.nan_to_num(found.hollow))
     answer[(answer == DISC) & (hollow > HOLLOW / 2) & (hollow > SURE * np.nan_to_num(found.u_hollow))] = UNEVEN
-    return np.where(np.nan_to_num(found.separation[:, MOST_CORNERS]) < TOLD, UNTOLD, answer)
+    told = np.nan_to_num(found.separation[:, MOST_CORNERS]) >= TOLD
+    return np.where((answer == DISC) & ~told, UNTOLD, answer)
 
 
 def harmonics(image_dn: np.ndarray, sheet: SensorSheet, xy_px: np.ndarray, moments_px2: np.ndarray) -> Harmonics:
