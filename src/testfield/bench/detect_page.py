@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from testfield.bench.detect import BEST, FACTORS, MOST_BIAS
+from testfield.bench.centring import BEST
+from testfield.bench.detect import FACTORS, MOST_BIAS
 from testfield.bench.dots import Case
 from testfield.report.style import ACCENT, FAINT, INK, figure
 
