@@ -25,7 +25,7 @@ BEST, KNOWN, GRID = "forward_model", "forward_model, camera known", "opencv_circ
 ROUGH_PX, ROUGH_SIZE = 0.2, 1.05
 """How far off, and how much too large, a search leaves its blobs."""
 SMALLEST_BLOB, MOST_BLOBS = 0.4, 2.0
-"""Of a dot's area, and of the number of dots. OpenCV's search for the grid does not end where noise makes many blobs."""
+"""Of a dot's area, and of the number of dots: where noise makes many blobs OpenCV's search for a grid does not end."""
 
 Estimator = Callable[[np.ndarray, SensorSheet, np.ndarray, np.ndarray], Centres]
 
@@ -67,7 +67,7 @@ def measure(task: Task, only: str = "") -> dict[str, Any]:
 
 
 def estimators(dots: Dots) -> dict[str, Estimator]:
-    """All that are registered, as they are called plainly; the forward model with the camera; OpenCV's grid detector."""
+    """All that are registered, called plainly; the forward model with the camera; OpenCV's grid detector."""
     chosen: dict[str, Estimator] = {name: find("centroids", name) for name in names("centroids")}
     chosen[KNOWN] = partial(chosen[BEST], interior=dots.world.interior)  # type: ignore[call-arg]
     return chosen | {GRID: circles_grid}

@@ -39,7 +39,7 @@ CORNERS = [
     Case(40.0, 0.0, 200.0), Case(40.0, 60.0, 20.0), Case(12.0, 60.0, 200.0, 0.7, 0.01),
 ]  # fmt: skip
 """Where the requirement's range ends in several ways at once; only the forward model is tried there."""
-EXPOSURES, OTHERS, QUICK_EXPOSURES, QUICK_OTHERS = 64, 16, 24, 4
+EXPOSURES, OTHERS, QUICK_EXPOSURES, QUICK_OTHERS = 64, 16, 20, 3
 LARGE_PX, LEAST_OTHERS = 16.0, 8
 """Of dots larger than this the other estimators see fewer exposures, down to so many: they take as long."""
 LEAST_EFFICIENCY, MOST_BIAS, CHI2, MOST_LOST = 0.9, 0.1, (0.9, 1.1), 0.002
@@ -105,12 +105,16 @@ def effort(task: Task) -> float:
 
 
 def text(case: dict[str, Any]) -> str:
-    """A case for a person, on one line."""
-    phase = "" if case["phase"] is None else f", phase {case['phase'][0]:g} {case['phase'][1]:g}"
-    return (
-        f"{'ring codes of ' if case['coded'] else ''}{case['diameter_px']:g} px, {case['tilt_deg']:g} degrees, "
-        f"SNR {case['snr']:g}, blur {case['blur_px']:g} px, gradient {case['gradient']:g}{phase}"
-    )
+    """A case for a person, on one line; light is even and the phase any where nothing is said of them."""
+    parts = [
+        f"{'ring codes of ' if case['coded'] else ''}{case['diameter_px']:g} px",
+        f"tilt {case['tilt_deg']:g}",
+        f"SNR {case['snr']:g}",
+        f"blur {case['blur_px']:g} px",
+    ]
+    parts += [f"gradient {case['gradient']:g}"] if case["gradient"] else []
+    parts += ["phase {:g}, {:g}".format(*case["phase"])] if case["phase"] is not None else []
+    return ", ".join(parts)
 
 
 def file_name(task: Task) -> str:
