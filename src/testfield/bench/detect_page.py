@@ -29,7 +29,7 @@ PEERS = ("#c4502a", "#e0903a", "#a03050", "#d98a7a")
 MARKERS = "osD^v<>Ph"
 LEAST_FOR_BIAS = 6
 """From fewer exposures of the same dot nothing can be said of its bias."""
-WORST_RATIO, WORST_CHI2 = 30.0, 100.0
+WORST_RATIO, WORST_CHI2 = 30.0, 30.0
 """Beyond these the axes end: what lies there is out of the question."""
 
 
@@ -107,7 +107,7 @@ def draw(factor: str, rows: list[dict[str, Any]]) -> bytes:
         claimed.set(
             ylabel="per degree of freedom", yscale="log", ylim=(0.1, min(WORST_CHI2, max(claimed.get_ylim()[1], 3)))
         )
-        _plain_ticks(claimed.yaxis, [0.1, 0.3, 0.5, 0.9, 1.1, 2, 5, 10, 30, 100])
+        _plain_ticks(claimed.yaxis, [0.1, 0.2, 0.5, 1, 2, 5, 10, 20])
         for axis, title in (
             (scatter, "Scatter"),
             (ratio, "Scatter over the bound (grey: efficiency of 0.9 and more)"),
