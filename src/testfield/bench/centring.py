@@ -16,11 +16,17 @@ from testfield.bench.dots import SIDE, Case, Dots, render_dots
 from testfield.bench.scatter import figures
 from testfield.camera.images import SensorSheet
 from testfield.detect.centre import Centres
+from testfield.detect.detect import measure_targets
+from testfield.detect.observations import MEASURED
 from testfield.registry import find, names
 from testfield.seeds import generator
 from testfield.sensor.expose import expose
+from testfield.targets.marks import RADII, USUAL
 
 SEED = 1
+BITS = 14
+NEAR_PX = 2.0
+"""How far from where a dot was looked for it may be found."""
 BEST, KNOWN, GRID = "forward_model", "forward_model, camera known", "opencv_circles_grid"
 ROUGH_PX, ROUGH_SIZE = 0.2, 1.05
 """How far off, and how much too large, a search leaves its blobs."""
@@ -45,7 +51,7 @@ def measure(task: Task, only: str = "") -> dict[str, Any]:
     case, dots = task.case, render_dots(task.case, SEED)
     bound, uneven = cramer_rao(dots)
     rough, sheet = generator(SEED, f"bench/rough/{case}"), dots.sensor.sheet
-    tried = {name: e for name, e in estimators(dots).items() if only in ("", name)}
+    tried = {name: e for name, e in estimators(dots, case.coded).items() if only in ("", name)}
     times = {name: task.of_others for name in tried} | {BEST: task.exposures, KNOWN: task.of_known}
     results: dict[str, list[Centres]] = {name: [] for name in tried if times[name]}
     for k in range(max(times.values())):
@@ -66,11 +72,30 @@ def measure(task: Task, only: str = "") -> dict[str, Any]:
     }
 
 
-def estimators(dots: Dots) -> dict[str, Estimator]:
+def estimators(dots: Dots, coded: bool = False) -> dict[str, Estimator]:
     """All that are registered, called plainly; the forward model with the camera; OpenCV's grid detector."""
     chosen: dict[str, Estimator] = {name: find("centroids", name) for name in names("centroids")}
     chosen[KNOWN] = partial(chosen[BEST], interior=dots.world.interior)  # type: ignore[call-arg]
+    if coded:
+        chosen[BEST] = with_rings
     return chosen | {GRID: circles_grid}
+
+
+def with_rings(image_dn: np.ndarray, sheet: SensorSheet, xy_px: np.ndarray, moments_px2: np.ndarray) -> Centres:
+    """Dots of ring codes as a run measures them: found, centred, read, and fitted once more together with their rings.
+    What is not found, or turned down, is not measured."""
+    smallest_px = 0.7 * 4 * float(np.linalg.det(moments_px2).min() ** 0.25)
+    targets = measure_targets(image_dn, sheet, BEST, smallest_px, BITS, RADII[USUAL])
+    found = Centres.empty(len(xy_px))
+    good = np.flatnonzero((targets.status == MEASURED) & (targets.code > 0))
+    if len(good) == 0:
+        return found
+    distance = np.linalg.norm(xy_px[:, None] - targets.xy_px[good], axis=-1)
+    nearest, ok = good[np.argmin(distance, axis=1)], distance.min(axis=1) < NEAR_PX
+    for name in ("xy_px", "cov_px2", "moments_px2", "chi2", "misfit"):
+        getattr(found, name)[ok] = getattr(targets, name)[nearest[ok]]
+    found.ok[:] = ok
+    return found
 
 
 def circles_grid(image_dn: np.ndarray, sheet: SensorSheet, xy_px: np.ndarray, moments_px2: np.ndarray) -> Centres:

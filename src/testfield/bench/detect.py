@@ -31,7 +31,7 @@ FACTORS: dict[str, tuple[str, list[Any]]] = {
 FIXED: dict[str, dict[str, Any]] = {"phase": {"tilt_deg": 0.0}, "coded": {"coded": True}}
 """What else a series asks for: a phase is the same for all dots only on a board that is seen straight."""
 QUICK = {
-    "diameter": (2, 4, 6), "tilt": (0, 4), "snr": (2, 5), "blur": (0, 3), "gradient": (4,), "phase": (2,),
+    "diameter": (2, 4, 6), "tilt": (0, 4), "snr": (2, 5), "blur": (0, 5), "gradient": (4,), "phase": (2,),
     "coded": (1, 3),
 }  # fmt: skip
 CORNERS = [
