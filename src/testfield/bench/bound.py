@@ -8,8 +8,8 @@ from testfield.camera.project import project_camera
 from testfield.detect.disc import disc_in_pixels
 
 POINTS = 512
-CENTRE, EVEN, UNEVEN = 2, 8, 10
-"""How many parameters are unknown: the centre; also shape, blur, contrast, background; also the light's gradient."""
+EVEN, UNEVEN = 8, 10
+"""How many parameters are unknown: centre, shape, blur, contrast, background; also the light's gradient."""
 
 
 def mean_pixels(dots: Dots) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -59,18 +59,24 @@ def mean_pixels(dots: Dots) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return dots.sensor.sheet.black_level_dn + ground + contrast * disc.value, jacobian, middle - half
 
 
-def cramer_rao(dots: Dots, unknown: int = EVEN) -> np.ndarray:
-    """(n, 2, 2) least covariance in px^2 that an unbiased centre can have, with so many parameters unknown.
+def cramer_rao(dots: Dots) -> tuple[np.ndarray, np.ndarray]:
+    """Least covariances (n, 2, 2) in px^2 that an unbiased centre can have: light known, and its gradient unknown.
 
-    The noise's variance depends on the mean, so the variance tells of the centre too; both parts are counted.
+    The noise's variance depends on the mean, so the variance tells of the centre too; both parts are counted. Of a
+    ring code the dot alone is taken to tell of the centre.
     """
     mean, jacobian, _ = mean_pixels(dots)
     sheet = dots.sensor.sheet
     variance = sheet.variance_dn2(mean)
     by_mean = sheet.variance_dn2(mean + 0.5) - sheet.variance_dn2(mean - 0.5)
     weight = 1 / variance + 0.5 * (by_mean / variance) ** 2
-    flat = jacobian[:, :unknown].reshape(len(mean), unknown, -1).astype(float)
+    flat = jacobian.reshape(len(mean), UNEVEN, -1).astype(float)
     fisher = (flat * weight.reshape(len(mean), 1, -1)) @ np.swapaxes(flat, 1, 2)
+    return _centre(fisher[:, :EVEN, :EVEN]), _centre(fisher)
+
+
+def _centre(fisher: np.ndarray) -> np.ndarray:
+    """(n, 2, 2) covariances of the centre, all other parameters unknown."""
     scale = 1 / np.sqrt(np.einsum("nii->ni", fisher))
     inverse = np.linalg.inv(fisher * scale[:, :, None] * scale[:, None, :])
     return (inverse * scale[:, :, None] * scale[:, None, :])[:, :2, :2]

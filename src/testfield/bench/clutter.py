@@ -1,4 +1,5 @@
-"""Cluttered views to find targets in: a wall, boxes, lines of strokes like text, stripes, bits of dots, bars in front.
+"""Cluttered views to find targets in: a wall, boxes, lines of strokes like text, stripes, squares, bits of dots, bright
+rods, bars in front, and sheets of the shapes in `shapes.py`.
 
 Every surface is a small panel under light of its own that slopes across it, so a view is rendered in about a second and
 its truth is known.
@@ -8,11 +9,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from testfield.bench.shapes import HIGHLIGHT, SHAPES, Shapes
 from testfield.camera.interior import Interior
 from testfield.camera.pose import Poses, rotation
 from testfield.camera.project import directions, project_camera
 from testfield.render.direct import DirectLight
 from testfield.render.irradiance import Irradiance
+from testfield.render.mesh_light import MeshLight
 from testfield.scene.world import CHECK, Panels, TrueMarks, World
 from testfield.seeds import generator
 from testfield.sensor.expose import Sensor
@@ -26,7 +29,12 @@ WHITE_E = 6000.0
 """Electrons in a pixel of the brightest white."""
 SIZES_PX = ((8.0, 12.0), (12.0, 20.0), (20.0, 36.0))
 """Diameters of the targets of a view, of the circle of the dot's area; views take turns."""
-LARGEST_TILT_DEG = 60.0
+LARGEST_TILT_DEG = 70.0
+BLUR_OF_SEGMENT, BLUR_OF_DOT = 0.29, 0.15
+"""Largest blur, as parts of a segment's width in the ring's middle and of a dot's diameter: more blurred, no ring could
+be read, and an 8 px dot not be told from a square."""
+LIT_CORNER = 0.15
+"""Part of the panels of which a lamp lights one corner more than twice as much."""
 NEARER_MM = 150.0
 """A card whose centre is less than this behind another's may yet hide a part of it: cards are tilted."""
 
@@ -57,7 +65,10 @@ class _Panels:
         slope = self.random.uniform(-0.5, 0.5, 2)
         corners = level * np.array([1 - slope[0] - slope[1], 1 + slope[0] - slope[1],
                                     1 - slope[0] + slope[1], 1 + slope[0] + slope[1]])  # fmt: skip
-        self.rows.append((at, R, size, ground, ink, np.clip(corners, 0.15, 1.0)))
+        corners = np.clip(corners, 0.15, 1.0)
+        if self.random.random() < LIT_CORNER:
+            corners[self.random.integers(4)] = 1.6
+        self.rows.append((at, R, size, ground, ink, corners))
         return len(self.rows) - 1
 
 
@@ -68,7 +79,8 @@ def cluttered_view(seed: int, index: int, targets: bool = True) -> ClutteredView
     shape = list(RADII)[index // 2 % 2]
     white_on_black = index // 3 % 3 != 2
     smallest, largest = SIZES_PX[index // 6 % len(SIZES_PX)]
-    blur_px = random.uniform(0.4, min(3.0, 0.2 + 0.09 * smallest))
+    segment_px = np.pi * (RADII[shape].inner + RADII[shape].outer) / 2 * smallest / bits
+    blur_px = random.uniform(0.4, min(3.0, BLUR_OF_SEGMENT * segment_px, BLUR_OF_DOT * smallest))
     parameters = np.array([FOCAL_PX, FOCAL_PX, 0.5 * WIDTH_PX, 0.5 * HEIGHT_PX, -0.1, 0.03, 0, 2e-4, -3e-4])
     interior = Interior(WIDTH_PX, HEIGHT_PX, parameters)
     panels = _Panels(random)
@@ -78,6 +90,7 @@ def cluttered_view(seed: int, index: int, targets: bool = True) -> ClutteredView
         _targets(panels, marks, random, interior, (smallest, largest), shape, bits, white_on_black) if targets else []
     )
     bars = _bars(panels, random)
+    shapes = _shapes(panels, blur_px, generator(seed, f"clutter/{index}/shapes"))
 
     panel = [marks[k][0] for k in rows]
     at = np.array([panels.rows[p][0] for p in panel]).reshape(-1, 3)
@@ -86,7 +99,9 @@ def cluttered_view(seed: int, index: int, targets: bool = True) -> ClutteredView
     sight = at / np.linalg.norm(at, axis=1, keepdims=True)
     cosine = np.abs(np.sum(sight * R[:, :, 2], axis=1))
     diameter_px = 2 * radius_mm * FOCAL_PX / at[:, 2] * np.sqrt(cosine / np.maximum(sight[:, 2], 0.1))
-    world = _world(panels, marks, interior, blur_px, Field(bits, (), white_on_black=white_on_black, code_radii=shape))
+    world = _world(
+        panels, marks, shapes, interior, blur_px, Field(bits, (), white_on_black=white_on_black, code_radii=shape)
+    )
     code = np.array([marks[k][3] for k in rows], int)
     # A dot needs as much around it as its ring would, or a little ground.
     reach = np.where(code > 0, RADII[shape].outer + 0.4, 1.7)
@@ -95,7 +110,7 @@ def cluttered_view(seed: int, index: int, targets: bool = True) -> ClutteredView
     inside = ((xy_px > extent_px[:, None]) & (xy_px < [WIDTH_PX, HEIGHT_PX] - extent_px[:, None])).all(axis=1)
     clear = inside & ~_behind(xy_px, extent_px, at[:, 2], [panels.rows[k] for k in [*panel, *bars]], interior)
     tilt_deg = np.degrees(np.arccos(np.clip(cosine, 0, 1)))
-    return ClutteredView(world, _light(panels), xy_px, code, diameter_px, tilt_deg, clear)
+    return ClutteredView(world, _light(panels, shapes), xy_px, code, diameter_px, tilt_deg, clear)
 
 
 def _turn(random: np.random.Generator, largest_tilt: float) -> np.ndarray:
@@ -144,6 +159,31 @@ def _background(panels: _Panels, marks: list, random: np.random.Generator) -> No
         )
         cut = random.uniform(-0.5, 0.5)
         marks.append((panel, size * np.array([0.5, cut]), size * random.uniform(0.3, 0.8), 0))
+
+
+def _shapes(panels: _Panels, blur_px: float, random: np.random.Generator) -> Shapes:
+    """Sheets of shapes in rows, shapes anywhere, and rods that shine; all of it behind the targets."""
+    # The pixel blurs too, as much as a Gaussian of 0.29 px; tilt makes what is there half as wide.
+    shapes = Shapes(2 * np.hypot(blur_px, 0.29) * 3800 / FOCAL_PX)
+    for _ in range(4):
+        at, R, pitch = _place(random, 3900, 4400), _turn(random, 1.0), np.exp(random.uniform(*np.log([30, 120])))
+        paper, print_ = random.permutation([random.uniform(0.02, 0.3), random.uniform(0.45, 0.9)])
+        sheet = panels.add(at, R, (9 * pitch, 7 * pitch), paper, 0)
+        panels.rows[sheet] = (*panels.rows[sheet][:5], np.full(4, level := random.uniform(0.35, 1.0)))
+        for k in range(48):
+            cell, kind = np.array([k % 8 - 3.5, k // 8 - 2.5, 0]) * pitch, SHAPES[int(random.integers(len(SHAPES)))]
+            size = pitch * random.uniform(0.15, 0.42)
+            shapes.add(at + R @ (cell + [0, 0, 0.5]), R, size, kind, level * print_, level * paper, random)
+    flat = [kind for kind in SHAPES if kind[0] != HIGHLIGHT]
+    for _ in range(60):
+        at, size = _place(random, 3500, 3590), np.exp(random.uniform(*np.log([5, 60])))
+        kind = flat[int(random.integers(len(flat)))]
+        shapes.add(at, _turn(random, 1.0), size, kind, random.uniform(0.02, 0.9), 0, random)
+    for _ in range(8):
+        length = random.uniform(30, 500)
+        rod = panels.add(_place(random, 3620, 3700), _turn(random, 1.0), (length, random.uniform(4, 20)), 0.9, 0)
+        panels.rows[rod] = (*panels.rows[rod][:5], np.full(4, random.uniform(0.8, 3.0)))
+    return shapes
 
 
 def _targets(
@@ -228,15 +268,17 @@ def _behind(
     return hidden
 
 
-def _light(panels: _Panels) -> Irradiance:
+def _light(panels: _Panels, shapes: Shapes) -> Irradiance:
     n = len(panels.rows)
     scale = np.pi * WHITE_E / SENSOR.electrons_per_radiance / 0.9
     values = np.concatenate([row[5] for row in panels.rows]) * scale
     nothing = DirectLight(np.ones((n, 2), int), np.full(n, 2), np.zeros(4 * n, np.float32))
-    return Irradiance(np.full((n, 2), 2), values.astype(np.float32), nothing)
+    mesh, light = shapes.mesh(), np.concatenate(shapes.light) * scale
+    on_shapes = MeshLight(np.ones(len(mesh.faces), int), light.astype(np.float32))
+    return Irradiance(np.full((n, 2), 2), values.astype(np.float32), nothing, on_shapes)
 
 
-def _world(panels: _Panels, marks: list, interior: Interior, blur_px: float, field: Field) -> World:
+def _world(panels: _Panels, marks: list, shapes: Shapes, interior: Interior, blur_px: float, field: Field) -> World:
     at, R, size, ground, ink, _ = zip(*panels.rows, strict=True)
     panel, xy, diameter, code = zip(*marks, strict=True)
     none = np.full(len(marks), -1)
@@ -260,4 +302,5 @@ def _world(panels: _Panels, marks: list, interior: Interior, blur_px: float, fie
         lights=(),
         ambient_radiance=0.0,
         field=field,
+        meshes=(shapes.mesh(),),
     )  # fmt: skip

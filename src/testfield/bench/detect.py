@@ -1,26 +1,22 @@
-"""Centring against the physical limit: every estimator on rendered series that vary one thing at a time.
+"""Centring against the physical limit: series of cases that vary one thing at a time, and verdicts on them.
 
-A board of 64 dots is rendered once a case and exposed many times; estimators start from rough places and sizes, as a
-search for blobs leaves them. Scatter is compared with the Cramer-Rao bound of each dot, claimed covariances with the
-scatter, and means with the exact centres.
+Each finished case is kept on disk, keyed by the case, the exposures and the source of all that measures it.
 """
 
-from collections.abc import Callable, Iterator
-from dataclasses import replace
+import json
+import time
+from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
-from scipy.stats import chi2 as chi_squared
 
-from testfield.bench.bound import UNEVEN, closed_form_px, cramer_rao
-from testfield.bench.dots import SIDE, Case, Dots, render_dots
-from testfield.camera.images import SensorSheet
-from testfield.detect.centre import Centres
-from testfield.registry import find, names
-from testfield.seeds import generator
-from testfield.sensor.expose import expose
+from testfield.bench.centring import BEST, SEED, Task, measure
+from testfield.bench.dots import Case
+from testfield.chain.code import code_digest
+from testfield.chain.files import Ledger, digest
+from testfield.registry import module_of, names
 
 FACTORS: dict[str, tuple[str, list[Any]]] = {
     "diameter": ("diameter_px", [4.0, 5.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0, 40.0]),
@@ -29,141 +25,106 @@ FACTORS: dict[str, tuple[str, list[Any]]] = {
     "blur": ("blur_px", [0.4, 0.6, 0.8, 1.2, 2.0, 3.0]),
     "gradient": ("gradient", [0.0, 0.01, 0.02, 0.03, 0.04]),
     "phase": ("phase", [(0.0, 0.0), (0.125, 0.0), (0.25, 0.0), (0.375, 0.0), (0.5, 0.0), (0.5, 0.5)]),
+    "coded": ("diameter_px", [6.0, 8.0, 12.0, 16.0, 24.0, 40.0]),
 }
-"""What is varied, from the least to the most; all else is as `Case` has it."""
-QUICK = {"diameter": (2, 4, 6), "tilt": (0, 4), "snr": (2, 5), "blur": (0, 3), "gradient": (4,), "phase": (2,)}
+"""What is varied, from the least to the most; all else is as `Case` has it. `coded` are dots within ring codes."""
+FIXED: dict[str, dict[str, Any]] = {"phase": {"tilt_deg": 0.0}, "coded": {"coded": True}}
+"""What else a series asks for: a phase is the same for all dots only on a board that is seen straight."""
+QUICK = {
+    "diameter": (2, 4, 6), "tilt": (0, 4), "snr": (2, 5), "blur": (0, 5), "gradient": (4,), "phase": (2,),
+    "coded": (1, 3),
+}  # fmt: skip
 CORNERS = [
     Case(6.0, 60.0, 20.0), Case(6.0, 60.0, 200.0), Case(6.0, 0.0, 20.0), Case(40.0, 60.0, 200.0),
     Case(40.0, 0.0, 200.0), Case(40.0, 60.0, 20.0), Case(12.0, 60.0, 200.0, 0.7, 0.01),
 ]  # fmt: skip
-"""Where the requirement's range ends in several ways at once."""
-BEST, EXPOSURES, EXPOSURES_OF_OTHERS = "forward_model", 64, 24
-GRID = "opencv_circles_grid"
+"""Where the requirement's range ends in several ways at once; only the forward model is tried there."""
+EXPOSURES, OTHERS, QUICK_EXPOSURES, QUICK_OTHERS = 64, 16, 20, 3
+LARGE_PX, LEAST_OTHERS = 16.0, 8
+"""Of dots larger than this the other estimators see fewer exposures, down to so many: they take as long."""
 LEAST_EFFICIENCY, MOST_BIAS, CHI2, MOST_LOST = 0.9, 0.1, (0.9, 1.1), 0.002
+KEPT = "detect_cases"
 
-Estimator = Callable[[np.ndarray, SensorSheet, np.ndarray, np.ndarray], Centres]
+Plan = list[tuple[str, Task]]
+Series = dict[str, list[dict[str, Any]]]
 
 
-def bench_detect(quick: bool, tell: Callable[[str], None]) -> dict[str, Any]:
-    """All series and the verdicts on the forward model; `tell` hears what is being done."""
-    series: dict[str, list[dict[str, Any]]] = {}
-    for factor, case in _cases(quick):
-        tell(f"{factor}: {case}")
-        series.setdefault(factor, []).append(measure(case, 16 if quick else EXPOSURES, 6 if quick else None))
+def bench_detect(quick: bool, folder: Path, tell: Callable[[str], None]) -> dict[str, Any]:
+    """All series and the verdicts on them; `tell` hears what is being done, `folder` keeps finished cases."""
+    series = run(plan(quick), folder, tell)
     return {"quick": quick, "series": series, "verdicts": verdicts(series)}
 
 
-def _cases(quick: bool) -> Iterator[tuple[str, Case]]:
+def plan(quick: bool) -> Plan:
+    """Every case with its factor, in the order of the page."""
+    tasks: Plan = []
     for factor, (field, values) in FACTORS.items():
-        chosen = [values[k] for k in QUICK[factor]] if quick else values
-        for value in chosen:
-            # A phase is the same for all dots only on a board that is seen straight.
-            yield factor, replace(Case(tilt_deg=0.0) if factor == "phase" else Case(), **{field: value})
-    for case in CORNERS[:2] if quick else CORNERS:
-        yield "corners", case
+        for value in [values[k] for k in QUICK[factor]] if quick else values:
+            case = Case(**{**FIXED.get(factor, {}), field: value})
+            others = max(round(OTHERS * min(1, LARGE_PX / case.diameter_px)), LEAST_OTHERS)
+            tasks.append((factor, _task(case, quick, others)))
+    return tasks + [("corners", _task(case, quick, 0)) for case in (CORNERS[:2] if quick else CORNERS)]
 
 
-def estimators(dots: Dots) -> dict[str, Estimator]:
-    """All that are registered, the forward model with the camera, and OpenCV's grid detector."""
-    chosen: dict[str, Estimator] = {name: find("centroids", name) for name in names("centroids")}
-    if BEST in chosen:
-        chosen[BEST] = partial(chosen[BEST], interior=dots.world.interior)  # type: ignore[call-arg]
-    return chosen | {GRID: circles_grid}
+def _task(case: Case, quick: bool, others: int) -> Task:
+    if quick:
+        return Task(case, QUICK_EXPOSURES, QUICK_OTHERS, min(others, QUICK_OTHERS))
+    return Task(case, EXPOSURES, EXPOSURES // 2, others)
 
 
-def circles_grid(image_dn: np.ndarray, sheet: SensorSheet, xy_px: np.ndarray, moments_px2: np.ndarray) -> Centres:
-    """OpenCV's findCirclesGrid on the whole board; it finds all dots or none, and claims no uncertainty."""
-    found = Centres.empty(len(xy_px))
-    low, high = np.percentile(image_dn, [5, 99.8])
-    grey = (255 - 235 * ((image_dn - low) / max(high - low, 1.0)).clip(0, 1)).astype(np.uint8)
-    settings = cv2.SimpleBlobDetector.Params()
-    settings.minArea, settings.maxArea = 4, 1e6
-    settings.minDistBetweenBlobs = 5
-    good, points = cv2.findCirclesGrid(
-        grey, (SIDE, SIDE), flags=cv2.CALIB_CB_SYMMETRIC_GRID, blobDetector=cv2.SimpleBlobDetector.create(settings)
+def run(tasks: Plan, folder: Path, tell: Callable[[str], None]) -> Series:
+    """Measure what is not yet kept in `folder`; a run that was stopped goes on where it was, with the same figures."""
+    ledger = Ledger(folder / KEPT)
+    source = code_digest("testfield.bench.centring", *sorted({module_of("centroids", n) for n in names("centroids")}))
+    keys = {task: digest(task, SEED, names("centroids"), source) for _, task in tasks}
+    missing = [task for task, key in keys.items() if not ledger.fresh(file_name(task), key)]
+    if kept := len(keys) - len(missing):
+        tell(f"{kept} of {len(keys)} cases are kept from before")
+    total, done, start = sum(map(effort, missing)), 0.0, time.monotonic()
+    for k, task in enumerate(missing):
+        left = (time.monotonic() - start) * (total - done) / done if done else float("nan")
+        end = f", {left / 60:.1f} min to go" if done else ""
+        tell(f"case {kept + k + 1} of {len(keys)}{end}: {text(vars(task.case))}")
+        ledger.make(file_name(task), keys[task], partial(_write, task))
+        done += effort(task)
+    series: Series = {}
+    for factor, task in tasks:
+        row = json.loads((ledger.folder / file_name(task)).read_text())
+        series.setdefault(factor, []).append(row)
+    return series
+
+
+def _write(task: Task, path: Path) -> None:
+    path.write_text(json.dumps(measure(task)))
+
+
+def effort(task: Task) -> float:
+    """About how long a task takes, in any unit."""
+    size = 1 + (task.case.diameter_px / 12) ** 1.5
+    return size * (5 + task.exposures + task.of_known + 4 * task.of_others)
+
+
+def text(case: dict[str, Any]) -> str:
+    """A case for a person, on one line; light is even and the phase any where nothing is said of them."""
+    parts = [
+        f"{'ring codes of ' if case['coded'] else ''}{case['diameter_px']:g} px",
+        f"tilt {case['tilt_deg']:g}",
+        f"SNR {case['snr']:g}",
+        f"blur {case['blur_px']:g} px",
+    ]
+    parts += [f"gradient {case['gradient']:g}"] if case["gradient"] else []
+    parts += ["phase {:g}, {:g}".format(*case["phase"])] if case["phase"] is not None else []
+    return ", ".join(parts)
+
+
+def file_name(task: Task) -> str:
+    """Where a finished task is kept."""
+    case = task.case
+    phase = "" if case.phase is None else "_phase{:g}_{:g}".format(*case.phase)
+    return (
+        f"{'ring' if case.coded else 'dot'}_{case.diameter_px:g}px_{case.tilt_deg:g}deg_snr{case.snr:g}"
+        f"_blur{case.blur_px:g}_gradient{case.gradient:g}{phase}_x{task.exposures}_{task.of_others}.json"
     )
-    if good:
-        points = points.reshape(-1, 2).astype(float)
-        nearest = np.argmin(np.linalg.norm(xy_px[:, None] - points, axis=-1), axis=1)
-        found.xy_px[:] = points[nearest]
-        found.ok[:] = np.linalg.norm(points[nearest] - xy_px, axis=1) < 2
-    return found
-
-
-def measure(case: Case, exposures: int, exposures_of_others: int | None = None, only: str = "") -> dict[str, Any]:
-    """One case: the bound, and what each estimator makes of so many exposures (`only` one of them where named)."""
-    dots = render_dots(case, 1)
-    bound = cramer_rao(dots)
-    rough, sheet = generator(1, f"bench/rough/{case}"), dots.sensor.sheet
-    tried = {name: e for name, e in estimators(dots).items() if only in ("", name)}
-    results: dict[str, list[Centres]] = {name: [] for name in tried}
-    for k in range(exposures):
-        station = replace(dots.radiance, station=f"{case}/{k}")
-        image = expose(station, dots.sensor, 1).pixels_dn.astype(np.float32)
-        # As a search for blobs leaves them: a fifth of a pixel off, and too large by the blur.
-        xy = dots.xy_px + 0.2 * rough.standard_normal(dots.xy_px.shape)
-        moments = 1.05 * dots.moments_px2 + (0.1 + case.blur_px**2 / 4) * np.eye(2)
-        for name, estimate in tried.items():
-            if name == BEST or k < (exposures_of_others or EXPOSURES_OF_OTHERS):
-                results[name].append(estimate(image, sheet, xy, moments))
-    return {
-        "case": vars(case),
-        "dots": len(dots.xy_px),
-        "bound_px": _rms_sigma(bound),
-        "bound_with_unknown_gradient_px": _rms_sigma(cramer_rao(dots, UNEVEN)),
-        "closed_form_px": closed_form_px(dots),
-        "estimators": {name: figures(runs, dots.xy_px, bound) for name, runs in results.items()},
-    }
-
-
-def figures(runs: list[Centres], true_px: np.ndarray, bound_px2: np.ndarray) -> dict[str, Any]:
-    """What an estimator's runs over the same n dots are worth; bands are of 95 %.
-
-    Efficiency and scatter are about each dot's own mean; `bias` is the mean error of all dots in units of the
-    scatter, `bias_by_dot` the rms of each dot's own, less what chance makes of it; `chi2` of the errors by the claimed
-    covariance, per degree of freedom.
-    """
-    ok = np.stack([run.ok for run in runs])
-    error = np.where(ok[..., None], np.stack([run.xy_px for run in runs]) - true_px, np.nan)
-    measured = int(ok.sum())
-    nothing = {"measured": measured, "not_measured": int(ok.size - measured)}
-    often = ok.sum(axis=0) >= 3
-    if often.sum() < 5:
-        return nothing
-    error, ok = error[:, often], ok[:, often]
-    count = ok.sum(axis=0)
-    mean = np.nanmean(error, axis=0)
-    apart = (error - mean) * np.sqrt(count / (count - 1))[:, None]
-    sizes = np.einsum("rni,nij,rnj->rn", apart, np.linalg.inv(bound_px2[often]), apart)
-    freedom = 2 * int((count - 1).sum())
-    efficiency = float(2 / np.nanmean(sizes))
-    sigma = float(np.sqrt(np.nanmean(apart**2)))
-    low, high = chi_squared.ppf([0.025, 0.975], freedom) / freedom
-    common = np.hypot(*np.nanmean(error, axis=(0, 1))) / sigma
-    # Efron: each dot's mean has scatter of its own.
-    by_dot = np.mean(np.sum(mean**2, axis=1) - 2 * sigma**2 / count) / 2
-    result = nothing | {
-        "sigma_px": sigma,
-        "sigma_band_px": [sigma / np.sqrt(high), sigma / np.sqrt(low)],
-        "rms_px": float(np.sqrt(np.nanmean(error**2))),
-        "efficiency": efficiency,
-        "efficiency_band": [efficiency * low, efficiency * high],
-        "bias": float(common),
-        "bias_band": float(np.sqrt(chi_squared.ppf(0.95, 2) / ok.sum())),
-        "bias_by_dot": float(np.sqrt(max(by_dot, 0)) / sigma),
-    }
-    covariance = np.stack([run.cov_px2 for run in runs])[:, often]
-    claimed = ok & np.isfinite(covariance).all(axis=(2, 3)) & (np.linalg.det(np.nan_to_num(covariance)) > 0)
-    if claimed.any():
-        e = error[claimed]
-        nees = np.einsum("ni,nij,nj->n", e, np.linalg.inv(covariance[claimed]), e) / 2
-        half = 1.96 * float(nees.std()) / np.sqrt(len(nees))
-        result |= {"chi2": float(nees.mean()), "chi2_band": [float(nees.mean()) - half, float(nees.mean()) + half]}
-    return result
-
-
-def _rms_sigma(covariance: np.ndarray) -> float:
-    return float(np.sqrt(np.einsum("nii->n", covariance).mean() / 2))
 
 
 def in_range(case: dict[str, Any]) -> bool:
@@ -171,25 +132,51 @@ def in_range(case: dict[str, Any]) -> bool:
     return 6 <= case["diameter_px"] <= 40 and 20 <= case["snr"] <= 200 and case["tilt_deg"] <= 60
 
 
-def verdicts(series: dict[str, list[dict[str, Any]]]) -> list[dict[str, Any]]:
-    """The forward model's worst figures in the range required, and whether they keep their limits."""
+def verdicts(series: Series) -> list[dict[str, Any]]:
+    """The plain forward model's worst figures in the range required, and whether they keep their limits: of dots, and
+    of the dots in ring codes."""
     rows = [row for part in series.values() for row in part if in_range(row["case"])]
-    best = [row["estimators"][BEST] for row in rows]
-    chi2 = [b.get("chi2", np.nan) for b in best]
+    result = []
+    for of, coded in (("dots", False), ("ring codes", True)):
+        result += [{"of": of} | v for v in _verdicts([row for row in rows if row["case"]["coded"] == coded])]
+    return result
+
+
+def _verdicts(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    if not rows:
+        return []
     # A mean of chi-squared over a series; cases differ only by chance where the claim is honest.
-    overall = float(np.mean(chi2))
-    lost = max(b["not_measured"] / (b["measured"] + b["not_measured"]) for b in best)
-    bias = max(b.get("bias", np.inf) for b in best)
+    overall = float(np.mean([row["estimators"][BEST].get("chi2", np.nan) for row in rows]))
     return [
-        _verdict("least efficiency", min(b.get("efficiency", 0) for b in best), LEAST_EFFICIENCY, None),
-        _verdict("greatest bias, in sigma", bias, None, MOST_BIAS),
-        _verdict("chi-squared per degree of freedom, over all", overall, *CHI2),
-        _verdict("the same, least case", min(chi2), CHI2[0], None),
-        _verdict("the same, greatest case", max(chi2), None, CHI2[1]),
-        _verdict("largest part of dots not measured", lost, None, MOST_LOST),
+        _worst("least efficiency", rows, "efficiency", least=LEAST_EFFICIENCY),
+        _worst("greatest bias of all dots together, in sigma", rows, "bias", most=MOST_BIAS),
+        _worst("greatest bias of the single dots, in sigma", rows, "bias_by_dot", most=MOST_BIAS),
+        _verdict("chi-squared per degree of freedom, mean of cases", overall, CHI2[0], CHI2[1]),
+        _worst("the same, least case", rows, "chi2", least=CHI2[0]),
+        _worst("the same, greatest case", rows, "chi2", most=CHI2[1]),
+        _worst("largest part of dots not measured", rows, "lost", most=MOST_LOST),
     ]
 
 
+def _worst(
+    name: str, rows: list[dict[str, Any]], key: str, least: float | None = None, most: float | None = None
+) -> dict[str, Any]:
+    """The verdict on the case whose figure is the worst; a case without the figure is worse than any."""
+    sign = 1 if least is None else -1
+
+    def figure(row: dict[str, Any]) -> float:
+        best = row["estimators"][BEST]
+        if key == "lost":
+            return best["not_measured"] / max(best["measured"] + best["not_measured"], 1)
+        return best.get(key, sign * np.inf)
+
+    row = max(rows, key=lambda r: sign * figure(r))
+    best = row["estimators"][BEST]
+    notes = {"seen": best.get(f"{key}_seen"), "band": best.get(f"{key}_band"), "case": text(row["case"])}
+    return _verdict(name, figure(row), least, most) | notes
+
+
 def _verdict(name: str, measured: float, least: float | None, most: float | None) -> dict[str, Any]:
-    passed = (least is None or measured >= least) and (most is None or measured <= most)
-    return {"name": name, "measured": float(measured), "least": least, "most": most, "passed": bool(passed)}
+    met = (least is None or measured >= least) and (most is None or measured <= most)
+    shown = float(measured) if np.isfinite(measured) else None
+    return {"name": name, "measured": shown, "least": least, "most": most, "met": bool(met)}

@@ -1,4 +1,4 @@
-"""Boards of dots on which one thing is as wanted: size, tilt, noise, blur, light or place on the pixels' grid."""
+"""Boards of dots on which one thing is as wanted: size, tilt, noise, blur, light, place on the pixels' grid, a ring."""
 
 from dataclasses import dataclass, replace
 
@@ -16,6 +16,7 @@ from testfield.scene.world import CHECK, Panels, TrueMarks, World
 from testfield.seeds import generator
 from testfield.sensor.expose import Sensor
 from testfield.targets.field import Field
+from testfield.targets.marks import RADII, USUAL
 
 FOCAL_PX, LENS, ASIDE_PX = 3478.0, (-0.2, 0.1, -0.05, 1e-3, -1e-3), 700.0
 """Focal length, k1 k2 k3 p1 p2, and how far from the principal point the board is seen."""
@@ -23,6 +24,8 @@ DISTANCE_MM, AZIMUTH_RAD = 3000.0, 0.5
 SIDE = 8
 CELLS = 6
 INK, GROUND = 0.85, 0.04
+BITS, CODES, CODE_STEP = 14, 516, 37
+"""Ring codes: their length, how many there are, and by how much neighbours' numbers differ."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +34,7 @@ class Case:
 
     `diameter_px` the longer axis; `tilt_deg` against the line of sight; `snr` contrast over the noise at the edge;
     `blur_px` of the optics; `gradient` of the light over one diameter, as a part of it; `phase` (x, y) of all centres
-    on the pixels' grid, or None for any.
+    on the pixels' grid, or None for any; `coded` whether each dot is the middle of a ring code.
     """
 
     diameter_px: float = 12.0
@@ -40,6 +43,7 @@ class Case:
     blur_px: float = 0.7
     gradient: float = 0.0
     phase: tuple[float, float] | None = None
+    coded: bool = False
 
 
 @dataclass(frozen=True)
@@ -88,7 +92,8 @@ def sensor_of(snr: float) -> Sensor:
 
 def _world(case: Case, seed: int) -> World:
     random = generator(seed, f"bench/{case}")
-    pitch = int(np.ceil(2.2 * case.diameter_px + 12 * case.blur_px + 6))
+    across = 1.2 + RADII[USUAL].outer if case.coded else 2.2
+    pitch = int(np.ceil(across * case.diameter_px + 12 * case.blur_px + 6))
     size = SIDE * pitch
     lens = LENS if case.phase is None else (0.0,) * 5
     principal = np.array([size / 2 - ASIDE_PX, size / 2 + ASIDE_PX / 2])
@@ -111,6 +116,7 @@ def _world(case: Case, seed: int) -> World:
 
     n = len(pixel)
     zero, none = np.zeros(n, int), np.full(n, -1)
+    code = 1 + CODE_STEP * np.arange(n) % CODES if case.coded else zero
     largest_mm = 2.5 * np.abs(xy_mm).max()
     pose = Poses(np.eye(3)[None], np.zeros((1, 3)))
     return World(
@@ -120,7 +126,7 @@ def _world(case: Case, seed: int) -> World:
         panels=Panels(
             ("board",), Poses(R[None], middle[None]), np.full((1, 2), largest_mm), np.array([GROUND]), np.array([INK])
         ),
-        marks=TrueMarks(zero, xy_mm, case.diameter_px * depth / FOCAL_PX, zero, np.full(n, CHECK), none, none),
+        marks=TrueMarks(zero, xy_mm, case.diameter_px * depth / FOCAL_PX, code, np.full(n, CHECK), none, none),
         world_from_board=Poses.identity(0),
         station_name=("station",),
         camera_from_world=pose,
@@ -128,5 +134,5 @@ def _world(case: Case, seed: int) -> World:
         psf_sigma_px=case.blur_px,
         lights=(),
         ambient_radiance=0.0,
-        field=Field(14, ()),
+        field=Field(BITS, ()),
     )

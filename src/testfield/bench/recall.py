@@ -20,11 +20,18 @@ SMALLEST_PX = 5.0
 SAME = 0.35
 """A detection within this part of a target's diameter from its centre is that target's."""
 
+FOUND, READ = 99.5, 99.9
+"""Percent that must be found, and of these be read rightly."""
+LARGEST_TILT_DEG = 60.0
+"""Up to which targets must be found."""
+BANDS_DEG = ((0, 20), (20, 40), (40, 60), (60, 70))
+
 
 @dataclass
 class Recall:
     """Counts over views: targets rendered, those in clear sight of at least 8 px and at most 60 degrees, and of these
-    found and found with the right code; wrong numbers and false finds anywhere; why clear ones were missed."""
+    found and found with the right code; wrong numbers and false finds anywhere; why clear ones were missed; and by
+    bands of tilt, up to 70 degrees, how many were in clear sight and found."""
 
     views: int = 0
     rendered: int = 0
@@ -36,15 +43,44 @@ class Recall:
     empty_views: int = 0
     false_in_empty_views: int = 0
     missed: Counter = field(default_factory=Counter)
+    clear_by_tilt: Counter = field(default_factory=Counter)
+    found_by_tilt: Counter = field(default_factory=Counter)
 
     def figures(self) -> dict[str, Any]:
         """As one JSON object."""
         clear, found = max(self.clear, 1), max(self.found, 1)
-        return vars(self) | {
+        figures = {
             "found_percent": 100 * self.found / clear,
             "decoded_rightly_percent": 100 * self.right / found,
             "missed": dict(self.missed.most_common()),
+            "clear_by_tilt": dict(self.clear_by_tilt),
+            "found_by_tilt": dict(self.found_by_tilt),
         }
+        return vars(self) | figures | {"verdicts": self.verdicts()}
+
+    def verdicts(self) -> list[dict[str, Any]]:
+        """What is asked, what was measured, and whether that is enough; nothing is met that was not tried."""
+        found, right = 100 * self.found / max(self.clear, 1), 100 * self.right / max(self.found, 1)
+        rows = [
+            (f"found of {self.clear} in clear sight, 8 px or more, to 60 degrees, %", found, FOUND, self.clear),
+            ("of these read rightly, %", right, READ, self.found),
+            (f"wrong numbers in {self.rendered} targets", self.wrong, 0, self.rendered),
+            (
+                f"false finds in {self.empty_views} views without targets",
+                self.false_in_empty_views,
+                0,
+                self.empty_views,
+            ),
+        ]
+        return [
+            {
+                "name": name,
+                "measured": value,
+                "limit": limit,
+                "met": bool(n) and (value >= limit if limit else not value),
+            }
+            for name, value, limit, n in rows
+        ]
 
 
 def bench_recall(
@@ -96,10 +132,15 @@ def count(recall: Recall, view: ClutteredView, found: Targets) -> None:
     number = np.where(hit, np.maximum(found.code[row], 0), -1) if len(measured) else np.full(n, -1)
     recall.views += 1
     recall.rendered += n
-    recall.clear += int(view.clear.sum())
-    recall.found += int((view.clear & hit).sum())
-    recall.right += int((view.clear & (number == view.code)).sum())
-    for k in np.flatnonzero(view.clear & ~hit):
+    asked = view.clear & (view.tilt_deg <= LARGEST_TILT_DEG)
+    recall.clear += int(asked.sum())
+    recall.found += int((asked & hit).sum())
+    recall.right += int((asked & (number == view.code)).sum())
+    for low, high in BANDS_DEG:
+        band = view.clear & (view.tilt_deg > low) & (view.tilt_deg <= high)
+        recall.clear_by_tilt[f"{low}-{high}"] += int(band.sum())
+        recall.found_by_tilt[f"{low}-{high}"] += int((band & hit).sum())
+    for k in np.flatnonzero(asked & ~hit):
         recall.missed[str(found.status[row[k]]) if row[k] >= 0 else "not seen at all"] += 1
     recall.wrong += int((hit & (number > 0) & (number != view.code)).sum())
     recall.wrong += int((measured & ~here & (found.code > 0)).sum())

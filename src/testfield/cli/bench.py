@@ -19,8 +19,11 @@ def add(commands: Any) -> None:
     )
     p.add_argument("--empty", type=int, default=50, metavar="N", help="recall: views without targets (default: 50)")
     p.add_argument("--scene", type=Path, default=Path("scenes/shadowed_board.toml"), metavar="SCENE", help="render's")
-    p.add_argument("--quick", action="store_true", help="detect: fewer cases and exposures")
-    p.add_argument("--out", type=Path, default=Path("renders"), metavar="FOLDER", help="where detect's page goes")
+    p.add_argument("--quick", action="store_true", help="detect, recall: a few minutes' worth")
+    p.add_argument("--only", choices=("series", "speed"), help="detect: one of its two parts")
+    p.add_argument(
+        "--out", type=Path, default=Path("renders"), metavar="FOLDER", help="where detect's page and finished cases go"
+    )
     p.add_argument("--json", action="store_true", help="print one JSON object")
     p.set_defaults(act=act)
 
@@ -38,35 +41,62 @@ def _tell(what: str) -> None:
 def _detect(args: argparse.Namespace) -> int:
     import json
 
-    from testfield.bench.detect import BEST, bench_detect
+    from testfield.bench.detect import bench_detect
     from testfield.bench.detect_page import write_page
     from testfield.bench.detect_speed import bench_speed
     from testfield.chain.files import disk_errors
 
-    figures = bench_detect(args.quick, _tell) | {"speed": bench_speed(args.quick, _tell)}
+    def tell(what: str) -> None:  # also into a file: this one takes long
+        print(f"bench: {what}", file=sys.stderr, flush=True)
+
+    figures: dict[str, Any] = {}
     with disk_errors(args.out):
-        page = write_page(figures, args.out)
+        if args.only != "speed":
+            figures |= bench_detect(args.quick, args.out, tell)
+        if args.only != "series":
+            figures |= {"speed": bench_speed(args.quick, tell)}
+        page = write_page(figures, args.out) if "series" in figures else None
     if args.json:
         print(json.dumps(figures))
         return 0
-    for factor, rows in figures["series"].items():
+    _print_series(figures.get("series", {}))
+    _print_verdicts(figures.get("verdicts", []))
+    if "speed" in figures:
+        speed = figures["speed"]
+        for name, what in (
+            ("find_centre_decode", f"find, centre, decode {speed['targets']} marks at 12 megapixels"),
+            ("opencv", "OpenCV's SimpleBlobDetector on the same image"),
+            ("opencv_coarse", "the same with few thresholds"),
+            ("forward", "forward model of all"),
+        ):
+            print(f"{what:<51} {speed[f'{name}_s']:.2f} s, of the processors {speed[f'{name}_processor_s']:.2f} s")
+    if page:
+        print(f"\n{page}")
+    return 0
+
+
+def _print_series(series: dict[str, list[dict[str, Any]]]) -> None:
+    from testfield.bench.centring import BEST
+    from testfield.bench.detect import text
+
+    for factor, rows in series.items():
         for row in rows:
             best = row["estimators"][BEST]
-            case = " ".join(f"{name}={value}" for name, value in row["case"].items() if value is not None)
-            text = "  ".join(f"{k} {best[k]:.3f}" for k in ("efficiency", "bias", "chi2") if k in best)
-            print(f"{factor:<9} {case}\n          {text}  not measured {best['not_measured']}")
-    for verdict in figures["verdicts"]:
-        print(f"{'pass' if verdict['passed'] else 'FAIL'}  {BEST}: {verdict['name']:<46} {verdict['measured']:.3f}")
-    speed = figures["speed"]
-    for name, what in (
-        ("find_centre_decode", f"find, centre, decode {speed['targets']} marks at 12 megapixels"),
-        ("opencv", "OpenCV's SimpleBlobDetector on the same image"),
-        ("opencv_coarse", "the same with few thresholds"),
-        ("forward", "forward model of all"),
-    ):
-        print(f"{what:<51} {speed[f'{name}_s']:.2f} s, of the processors {speed[f'{name}_processor_s']:.2f} s")
-    print(f"\n{page}")
-    return 0
+            shown = ("efficiency", "bias", "bias_by_dot", "chi2")
+            figures = "  ".join(f"{k} {best[k]:.3f}" for k in shown if k in best)
+            print(f"{factor:<9} {text(row['case'])}\n          {figures}  not measured {best['not_measured']}")
+
+
+def _print_verdicts(verdicts: list[dict[str, Any]]) -> None:
+    from testfield.bench.centring import BEST
+
+    for v in verdicts:
+        word, value = "met   " if v["met"] else "MISSED", "  none" if v["measured"] is None else f"{v['measured']:6.3f}"
+        notes = [f"{v['band'][0]:.3f} to {v['band'][1]:.3f}"] if v.get("band") else []
+        notes += [f"{v['seen']:.3f} with chance"] if v.get("seen") is not None else []
+        notes += [v["case"]] if "case" in v else []
+        limits = " ".join(f"{sign} {v[k]:g}" for sign, k in ((">=", "least"), ("<=", "most")) if v[k] is not None)
+        print(f"{word}  {BEST}, {v['of']}: {v['name']:<50} {value}  ({limits})  {'; '.join(notes)}")
 
 
 def _render(args: argparse.Namespace) -> int:
@@ -99,15 +129,18 @@ def _recall(args: argparse.Namespace) -> int:
 
     from testfield.bench.recall import bench_recall
 
-    figures = bench_recall(args.targets, args.empty, _tell)
+    targets, empty = (min(args.targets, 1000), min(args.empty, 5)) if args.quick else (args.targets, args.empty)
+    figures = bench_recall(targets, empty, _tell)
     if args.json:
         print(json.dumps(figures))
         return 0
-    print(f"found                 {figures['found_percent']:.2f} % of {figures['clear']} targets in clear sight")
-    print(f"of these read rightly {figures['decoded_rightly_percent']:.2f} %")
-    print(f"wrong numbers         {figures['wrong']} in {figures['rendered']} targets")
-    print(f"false finds           {figures['false']} in {figures['views']} views with targets")
-    print(f"                      {figures['false_in_empty_views']} in {figures['empty_views']} views without")
+    for verdict in figures["verdicts"]:
+        word, limit = "met   " if verdict["met"] else "missed", verdict["limit"]
+        print(f"{word}  {verdict['name']:<62} {verdict['measured']:>7.4g}  (asked: {limit})")
+    print(f"false finds in {figures['views']} views with targets: {figures['false']}")
+    for band, clear in figures["clear_by_tilt"].items():
+        found = figures["found_by_tilt"][band]
+        print(f"tilt {band:>5} degrees: {found} found of {clear} in clear sight, {100 * found / max(clear, 1):.2f} %")
     for why, times in figures["missed"].items():
-        print(f"missed                {times:>4}  {why}")
+        print(f"not found: {times:>4}  {why}")
     return 0

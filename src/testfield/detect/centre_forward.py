@@ -42,7 +42,7 @@ CONTRADICTION = 18.5
 
 
 @dataclass
-class _Batch:
+class Batch:
     """Some dots with windows of one size: `rows` (n,) which, `corner` (n, 2) px of the first pixel, `values`,
     `inside` (n, m, m), `theta` (n, 12) with the centre relative to the window's middle."""
 
@@ -54,10 +54,12 @@ class _Batch:
 
     @property
     def half(self) -> int:
+        """Pixels on each side of the windows' middle ones."""
         return self.values.shape[1] // 2
 
     @property
     def middle(self) -> np.ndarray:
+        """(n, 2) px of the windows' middle pixels."""
         return self.corner + self.half
 
 
@@ -80,13 +82,13 @@ def forward_model(
     theta, variance, good = _start(xy_px, moments_px2), np.zeros((n, 8)), np.zeros(n, bool)
     with threadpool_limits(1, "blas"), ThreadPoolExecutor(min(os.cpu_count() or 1, 4)) as pool:
         # First without gradients, which gives every dot's contrast; then with what the contrasts say of the light.
-        batches = list(_batches(image_dn, theta))
+        batches = list(window_batches(image_dn, theta))
         for batch, fit in zip(batches, pool.map(lambda b: _refine(b, sheet, interior, None), batches), strict=True):
             theta[batch.rows], good[batch.rows] = batch.theta, fit.converged
             theta[batch.rows, :2] += batch.middle
-            variance[batch.rows] = np.einsum("nii->ni", _inverse(fit.normal))
+            variance[batch.rows] = np.einsum("nii->ni", inverse(fit.normal))
         light = _light(theta, variance, good)
-        batches = list(_batches(image_dn, theta))
+        batches = list(window_batches(image_dn, theta))
         for batch, fit in zip(batches, pool.map(lambda b: _refine(b, sheet, interior, light), batches), strict=True):
             found.put(batch.rows, _centres(batch, fit, sheet, interior))
     return found
@@ -95,7 +97,7 @@ def forward_model(
 def _start(xy: np.ndarray, moments: np.ndarray) -> np.ndarray:
     """(n, 12) parameters from blobs; centres in px. Levels are left to the first step, for they are linear."""
     theta = np.zeros((len(xy), 12))
-    axes = _root(4 * moments)
+    axes = root(4 * moments)
     theta[:, :2] = xy
     theta[:, AXX], theta[:, AXY], theta[:, AYY] = axes[:, 0, 0], axes[:, 0, 1], axes[:, 1, 1]
     theta[:, BLUR] = FIRST_BLUR_PX
@@ -103,26 +105,28 @@ def _start(xy: np.ndarray, moments: np.ndarray) -> np.ndarray:
     return theta
 
 
-def _root(matrix: np.ndarray) -> np.ndarray:
+def root(matrix: np.ndarray) -> np.ndarray:
     """Symmetric square roots (n, 2, 2) of positive matrices."""
     values, vectors = np.linalg.eigh(matrix)
     return (vectors * np.sqrt(np.maximum(values, 0.04))[:, None, :]) @ np.swapaxes(vectors, 1, 2)
 
 
-def _axes(theta: np.ndarray) -> np.ndarray:
+def half_axes(theta: np.ndarray) -> np.ndarray:
     """(n, 2, 2) matrices that map the unit circle onto the outline."""
     return theta[:, [AXX, AXY, AXY, AYY]].reshape(-1, 2, 2)
 
 
 def _reach(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(n,) largest half axis, and how far beyond an edge it is felt, in px."""
-    return np.abs(np.linalg.eigvalsh(_axes(theta))).max(axis=1), CLEAR_OF_BLUR * np.hypot(theta[:, BLUR], 0.29)
+    return np.abs(np.linalg.eigvalsh(half_axes(theta))).max(axis=1), CLEAR_OF_BLUR * np.hypot(theta[:, BLUR], 0.29)
 
 
-def _batches(image: np.ndarray, theta: np.ndarray) -> Iterator[_Batch]:
-    """Dots in groups whose windows have one size and whose outlines need about the same number of points."""
+def window_batches(image: np.ndarray, theta: np.ndarray, radii: float = 1.0) -> Iterator[Batch]:
+    """Dots in groups whose windows have one size and whose outlines need about the same number of points.
+
+    Windows reach as far as an edge is felt that lies `radii` half axes from the centre."""
     largest, felt = _reach(theta)
-    half = np.ceil(largest + felt + 1.5).astype(int)
+    half = np.ceil(radii * largest + felt + 1.5).astype(int)
     half = np.where(half > 16, -(-half // 2) * 2, half)
     points = np.ceil(2 * np.log2(largest / theta[:, BLUR] + 1))
     height, width = image.shape
@@ -137,7 +141,7 @@ def _batches(image: np.ndarray, theta: np.ndarray) -> Iterator[_Batch]:
             values = image[y.clip(0, height - 1)[:, :, None], x.clip(0, width - 1)[:, None, :]].astype(np.float64)
             local = theta[rows].copy()
             local[:, :2] -= middle
-            yield _Batch(rows, middle - size, values, within, local)
+            yield Batch(rows, middle - size, values, within, local)
 
 
 @dataclass(frozen=True)
@@ -176,7 +180,7 @@ class _Fit:
 
 
 def _refine(
-    batch: _Batch, sheet: SensorSheet, interior: Interior | None, light: tuple[np.ndarray, np.ndarray] | None
+    batch: Batch, sheet: SensorSheet, interior: Interior | None, light: tuple[np.ndarray, np.ndarray] | None
 ) -> _Fit:
     """Gauss and Newton's iteration with weights of the model's own variance; changes `batch.theta`.
 
@@ -192,15 +196,15 @@ def _refine(
     if np.isnan(theta[:, CONTRAST]).any():
         _set_levels(batch, place)
     safe = theta.copy()
-    good = _sound(batch, theta)
+    good = sound(batch, theta)
     theta[~good] = safe[~good] = _HARMLESS
     for k in range(ROUNDS):
-        model, jacobian = _model(batch, theta, place)
+        model, jacobian = dot_model(batch, theta, place)
         if k < 4:
             use = batch.inside & _usable(batch, theta, sheet)
         # The model's own value is a better guess of a pixel's mean than the noisy pixel.
         weight = use / sheet.variance_dn2(model)
-        normal, gradient = _normal(jacobian[:, :free], weight, values - model)
+        normal, gradient = normal_matrix(jacobian[:, :free], weight, values - model)
         total, right = normal, gradient
         if light is not None:
             off = expected - theta[:, GRADIENTS]
@@ -209,13 +213,13 @@ def _refine(
             total, right = normal.copy(), gradient.copy()
             total[:, GRADIENTS, GRADIENTS] += known
             right[:, GRADIENTS] += np.einsum("nij,nj->ni", known, off)
-        covariance = _inverse(total)
+        covariance = inverse(total)
         step = np.einsum("nij,nj->ni", covariance, right)
         longest = np.abs(step[:, : BLUR + 1]).max(axis=1)
         limit = np.minimum(1, 0.5 * np.maximum(theta[:, BLUR], 0.5) / np.maximum(longest, 1e-12))
         theta[:, :free] += np.where(good[:, None], step * limit[:, None], 0)
         theta[:, BLUR] = theta[:, BLUR].clip(LEAST_BLUR_PX, MOST_BLUR_PX)
-        good &= _sound(batch, theta)
+        good &= sound(batch, theta)
         theta[~good] = safe[~good]
         sigma = np.sqrt(np.maximum(np.einsum("nii->ni", covariance[:, :2, :2]), 0))
         near = (0.5 if light is None else 0.02) * sigma + 1e-6
@@ -225,47 +229,47 @@ def _refine(
     return _Fit(normal, known, use, model, converged)
 
 
-def _set_levels(batch: _Batch, place: _Placement | None) -> None:
+def _set_levels(batch: Batch, place: _Placement | None) -> None:
     """Contrast and background (both linear) that fit best with the shape as it is."""
     theta = batch.theta
     theta[:, CONTRAST], theta[:, BACKGROUND] = 1, 0
-    theta[~_sound(batch, theta)] = _HARMLESS
-    _, jacobian = _model(batch, theta, place)
-    normal, right = _normal(jacobian[:, [CONTRAST, BACKGROUND]], batch.inside.astype(float), batch.values)
-    theta[:, [CONTRAST, BACKGROUND]] = np.einsum("nij,nj->ni", _inverse(normal), right)
+    theta[~sound(batch, theta)] = _HARMLESS
+    _, jacobian = dot_model(batch, theta, place)
+    normal, right = normal_matrix(jacobian[:, [CONTRAST, BACKGROUND]], batch.inside.astype(float), batch.values)
+    theta[:, [CONTRAST, BACKGROUND]] = np.einsum("nij,nj->ni", inverse(normal), right)
 
 
-def _normal(jacobian: np.ndarray, weight: np.ndarray, residual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def normal_matrix(jacobian: np.ndarray, weight: np.ndarray, residual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Normal matrices (n, p, p) and their right sides (n, p)."""
     flat = jacobian.reshape(*jacobian.shape[:2], -1)
     weighted = flat * weight.reshape(len(flat), 1, -1)
     return weighted @ np.swapaxes(flat, 1, 2), (weighted @ residual.reshape(len(flat), -1, 1))[..., 0]
 
 
-def _inverse(normal: np.ndarray) -> np.ndarray:
+def inverse(normal: np.ndarray) -> np.ndarray:
     """Inverses of normal matrices, whatever their parameters' units; what the data do not tell stays as it is."""
     scale = 1 / np.sqrt(np.maximum(np.einsum("nii->ni", normal), 1e-300))
     unit = np.nan_to_num(normal * scale[:, :, None] * scale[:, None, :])
     return np.linalg.pinv(unit, 1e-11, hermitian=True) * scale[:, :, None] * scale[:, None, :]
 
 
-def _sound(batch: _Batch, theta: np.ndarray) -> np.ndarray:
+def sound(batch: Batch, theta: np.ndarray) -> np.ndarray:
     """(n,) whether parameters still describe a dot within its window."""
     finite = np.isfinite(theta).all(axis=1)
-    axes = np.where(finite[:, None, None], _axes(theta), np.eye(2))
+    axes = np.where(finite[:, None, None], half_axes(theta), np.eye(2))
     low, high = np.linalg.eigvalsh(axes).T
     within = np.abs(theta[:, :2]).max(axis=1) < 0.6 * batch.half
     return finite & (low > 0.1) & (high < 1.2 * batch.half) & within & (theta[:, CONTRAST] > 0)
 
 
-def _usable(batch: _Batch, theta: np.ndarray, sheet: SensorSheet) -> np.ndarray:
+def _usable(batch: Batch, theta: np.ndarray, sheet: SensorSheet) -> np.ndarray:
     """(n, m, m) which pixels a fit may use: as far as an edge is felt, but where a ring may begin only if none does."""
     offset = np.arange(-batch.half, batch.half + 1)
     dx = (offset - theta[:, [CX]])[:, None, :]
     dy = (offset - theta[:, [CY]])[:, :, None]
-    inverse = np.linalg.inv(_axes(theta))
-    u = inverse[:, 0, 0, None, None] * dx + inverse[:, 0, 1, None, None] * dy
-    v = inverse[:, 1, 0, None, None] * dx + inverse[:, 1, 1, None, None] * dy
+    to_circle = np.linalg.inv(half_axes(theta))
+    u = to_circle[:, 0, 0, None, None] * dx + to_circle[:, 0, 1, None, None] * dy
+    v = to_circle[:, 1, 0, None, None] * dx + to_circle[:, 1, 1, None, None] * dy
     q = np.sqrt(u * u + v * v)
     length = np.sqrt(dx * dx + dy * dy)
     px_per_q = length / np.maximum(q, 1e-9)
@@ -281,7 +285,7 @@ def _usable(batch: _Batch, theta: np.ndarray, sheet: SensorSheet) -> np.ndarray:
     return np.where(quiet[:, None, None], wide, narrow)
 
 
-def _placement(batch: _Batch, interior: Interior | None) -> _Placement | None:
+def _placement(batch: Batch, interior: Interior | None) -> _Placement | None:
     if interior is None:
         return None
     drawn = batch.theta[:, :2].copy()
@@ -290,11 +294,11 @@ def _placement(batch: _Batch, interior: Interior | None) -> _Placement | None:
     return _Placement(interior, batch.middle, at, drawn, np.linalg.inv(slope))
 
 
-def _outline(batch: _Batch, theta: np.ndarray, place: _Placement | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _outline(batch: Batch, theta: np.ndarray, place: _Placement | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Outlines (n, k, 2) relative to the window's middle, their tangents, and derivatives (n, 5, k, 2) by shape."""
     largest = float(_reach(theta)[0].max())
     count = outline_points(largest, float(theta[:, BLUR].min()))
-    drawn, tangent, by_shape = ellipse_outline(_axes(theta), count)
+    drawn, tangent, by_shape = ellipse_outline(half_axes(theta), count)
     drawn = drawn + theta[:, None, :2]
     if place is None:
         return drawn, tangent, np.broadcast_to(by_shape, (len(theta), *by_shape.shape))
@@ -306,7 +310,7 @@ def _outline(batch: _Batch, theta: np.ndarray, place: _Placement | None) -> tupl
     )
 
 
-def _model(batch: _Batch, theta: np.ndarray, place: _Placement | None) -> tuple[np.ndarray, np.ndarray]:
+def dot_model(batch: Batch, theta: np.ndarray, place: _Placement | None) -> tuple[np.ndarray, np.ndarray]:
     """Pixel values (n, m, m) and their derivatives (n, 12, m, m)."""
     outline, tangent, by_shape = _outline(batch, theta, place)
     offset = np.arange(-batch.half, batch.half + 1.0)
@@ -337,7 +341,7 @@ def _light(theta: np.ndarray, variance: np.ndarray, good: np.ndarray) -> tuple[n
     for k, name in ((0, CONTRAST), (2, BACKGROUND)):
         part = slice(k, k + 2)
         expected[:, part], known[:, part, part] = local_gradients(
-            theta[:, :2], theta[:, name], variance[:, name], good, _axes(theta)
+            theta[:, :2], theta[:, name], variance[:, name], good, half_axes(theta)
         )
     return expected, known
 
@@ -345,20 +349,20 @@ def _light(theta: np.ndarray, variance: np.ndarray, good: np.ndarray) -> tuple[n
 def _drop_contradicted(normal: np.ndarray, gradient: np.ndarray, known: np.ndarray) -> None:
     """Forget what neighbours say where a dot's own pixels contradict it: at a shadow's or a board's edge."""
     rest = slice(0, CONTRAST_X)
-    eliminate = normal[:, GRADIENTS, rest] @ _inverse(normal[:, rest, rest])
+    eliminate = normal[:, GRADIENTS, rest] @ inverse(normal[:, rest, rest])
     information = normal[:, GRADIENTS, GRADIENTS] - eliminate @ normal[:, rest, GRADIENTS]
     score = gradient[:, GRADIENTS] - np.einsum("nij,nj->ni", eliminate, gradient[:, rest])
     # The score at the neighbours' gradients, in units of its covariance when both are right.
-    own = np.einsum("ni,nij,nj->n", score, _inverse(information), score)
-    both = np.einsum("ni,nij,nj->n", score, _inverse(information + known), score)
+    own = np.einsum("ni,nij,nj->n", score, inverse(information), score)
+    both = np.einsum("ni,nij,nj->n", score, inverse(information + known), score)
     known[own - both > CONTRADICTION] = 0
 
 
-def _centres(batch: _Batch, fit: _Fit, sheet: SensorSheet, interior: Interior | None) -> Centres:
+def _centres(batch: Batch, fit: _Fit, sheet: SensorSheet, interior: Interior | None) -> Centres:
     theta, use = batch.theta, fit.use
     normal = fit.normal.copy()
     normal[:, GRADIENTS, GRADIENTS] += fit.known
-    covariance = _inverse(normal)[:, :2, :2]
+    covariance = inverse(normal)[:, :2, :2]
     residual = batch.values - fit.model
     variance = sheet.variance_dn2(fit.model)
     count = use.sum(axis=(1, 2))
@@ -368,7 +372,7 @@ def _centres(batch: _Batch, fit: _Fit, sheet: SensorSheet, interior: Interior | 
     covariance = covariance * np.where(chi2 > 1 + 3 * np.sqrt(2 / freedom), chi2, 1.0)[:, None, None]
     excess = (use * (residual**2 - variance)).sum(axis=(1, 2)) / np.maximum(count, 1)
     misfit = np.sqrt(np.maximum(excess, 0)) / theta[:, CONTRAST]
-    axes = _axes(theta)
+    axes = half_axes(theta)
     with np.errstate(invalid="ignore"):
         ok = fit.converged & (count > 12) & (np.einsum("nii->n", covariance) < WORST_PX**2)
     return Centres(
@@ -377,7 +381,7 @@ def _centres(batch: _Batch, fit: _Fit, sheet: SensorSheet, interior: Interior | 
     )  # fmt: skip
 
 
-def _centroid(batch: _Batch, interior: Interior | None) -> np.ndarray:
+def _centroid(batch: Batch, interior: Interior | None) -> np.ndarray:
     """(n, 2) centres of area of the outlines, relative to the windows' middles."""
     if interior is None:
         return batch.theta[:, :2]

@@ -22,6 +22,8 @@ from testfield.registry import register
 SAMPLING_PX = 0.04
 """Scatter over the phases of the grid, times the square root of the diameter, at a blur of about half a pixel."""
 
+TIGHT = 1.25
+"""How far from its middle, in half-axes of its blob, a dot is looked for before it is known where it ends."""
 BATCH = 128
 """Dots at a time: their windows then stay in the processor's cache."""
 
@@ -58,13 +60,11 @@ def _centroids(
     values = values.astype(np.float32)
 
     a, b = (xy_px - origin).T
-    shape = np.linalg.inv(4 * moments_px2)
-    xx, xy, yy = shape[:, 0, 0], shape[:, 0, 1], shape[:, 1, 1]
-    form = [xx * a * a + 2 * xy * a * b + yy * b * b, -2 * (xx * a + xy * b), -2 * (xy * a + yy * b), xx, 2 * xy, yy]
-    q2 = np.stack(form, axis=1).astype(np.float32) @ powers
+    q2 = _form(moments_px2, a, b) @ powers
     if 2 * np.sqrt(np.linalg.eigvalsh(moments_px2).min()) * (RING_BEGINS - WINDOW) >= RING_CLEARANCE_PX:
         use = inside & (q2 <= np.float32(WINDOW**2))  # no ring comes near
     else:
+        q2 = _form(_at_half_threshold(values, inside, q2, powers, moments_px2), a, b) @ powers
         use = inside & usable(np.sqrt(np.maximum(q2, 0)), x - a[:, None], y - b[:, None])
     inner, outer = ((use & part).astype(np.float32) for part in (q2 < 0.36, q2 > 1.44))
     black, white = (np.vecdot(values, part) / np.maximum(part @ powers[0], 1) for part in (outer, inner))
@@ -89,6 +89,32 @@ def _centroids(
     ok = (white > black) & (counts[:, 0] >= 6)
     nothing = np.zeros(len(values))
     return Centres(centre + origin, covariance, moments, white - black, black, nothing + 1, nothing, ok)
+
+
+def _form(moments_px2: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """(n, 6) coefficients by 1, x, y, x^2, xy, y^2 of the squared distance from (a, b) in half-axes of the moments."""
+    shape = np.linalg.inv(4 * moments_px2)
+    xx, xy, yy = shape[:, 0, 0], shape[:, 0, 1], shape[:, 1, 1]
+    form = [xx * a * a + 2 * xy * a * b + yy * b * b, -2 * (xx * a + xy * b), -2 * (xy * a + yy * b), xx, 2 * xy, yy]
+    return np.stack(form, axis=1).astype(np.float32)
+
+
+def _at_half_threshold(
+    values: np.ndarray, inside: np.ndarray, q2: np.ndarray, powers: np.ndarray, moments_px2: np.ndarray
+) -> np.ndarray:
+    """Moments (n, 2, 2) of what is brighter than the half threshold within a dot's blob alone.
+
+    A blob is found above its surroundings' mean, so that of a small dot is wider than the dot, by a pixel or two; taken
+    for the dot it would reach into the ring.
+    """
+    near = inside & (q2 <= np.float32(TIGHT**2))
+    white = np.vecdot(values, (q2 < 0.36).astype(np.float32)) / np.maximum((q2 < 0.36).sum(axis=1), 1)
+    black = np.where(near, values, np.float32(np.inf)).min(axis=1)
+    binary = (near & (values > (black + white)[:, None] / 2)).astype(np.float32)
+    counts = (binary @ powers.T).astype(float)
+    area = np.maximum(counts[:, 0], 1)
+    moments = _about(counts, counts[:, 1:3] / area[:, None]) / area[:, None, None] + np.eye(2) / 12
+    return np.where((counts[:, 0] >= 6)[:, None, None], moments, moments_px2)
 
 
 def _about(sums: np.ndarray, centre: np.ndarray) -> np.ndarray:

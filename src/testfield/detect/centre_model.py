@@ -20,7 +20,7 @@ CX, CY, GXX, GXY, GYY, CONTRAST, BACKGROUND, SLOPE_X, SLOPE_Y, BLUR = range(10)
 
 @register("centroids", "ellipse_model")
 def ellipse_model(image_dn: np.ndarray, sheet: SensorSheet, xy_px: np.ndarray, moments_px2: np.ndarray) -> Centres:
-    """A blurred, unevenly lit ellipse fitted to the raw pixels with the sensor's noise: what runs use.
+    """A blurred, unevenly lit ellipse fitted to the raw pixels with the sensor's noise.
 
     Measures dots from rough centres (n, 2) and moments (n, 2, 2) in an image (h, w) of bright marks."""
     found = Centres.empty(len(xy_px))

@@ -12,6 +12,8 @@ from testfield.targets.ring_code import number_of_word, smallest_rotation
 PLAIN, UNREADABLE, CROWDED, CUT = 0, -1, -2, -3
 """What `decode` says instead of a number: a plain dot; a ring that cannot be read; surroundings that are no target's;
 a ring of which the image shows only a part."""
+HOLE = 0.6
+"""A plain dot has ground where a ring would be: bright in more than this part of all directions it is no dot."""
 SAMPLES_A_SEGMENT, TO_SEE = 16, 4
 """How densely a ring is sampled to read it, and to see whether there is one."""
 ACROSS = (0.3, 0.5, 0.7)
@@ -41,24 +43,26 @@ def decode(
     background_dn: np.ndarray,
     bits: int,
     radii: RingRadii,
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Read the rings of n dots from an image (h, w) float32 of bright marks; arguments as in `Centres`.
 
     Returns the code (n,): a number, or `PLAIN`, `UNREADABLE`, `CROWDED`, `CUT`; and the affine map (n, 2, 2) from the
     target's plane (x right, y up, in dot radii; the code's first segment begins at +x) to px, NaN where there is no
-    code or its word repeats itself and leaves the turn open.
+    code. A word that repeats itself leaves the turn open; the map is then one of several. Last the doubt (n,): how far
+    the worst end of a bright part lies from where the word has it, in units of what is allowed.
     """
-    code, affine = np.full(len(xy_px), PLAIN), np.full((len(xy_px), 2, 2), np.nan)
+    n = len(xy_px)
+    code, affine, doubt = np.full(n, PLAIN), np.full((n, 2, 2), np.nan), np.zeros(n)
 
     def read(rows: slice) -> None:
         surroundings = _surroundings(
             image_dn, xy_px[rows], moments_px2[rows], contrast_dn[rows], background_dn[rows], radii
         )
-        code[rows], affine[rows] = _decode(surroundings, bits)
+        code[rows], affine[rows], doubt[rows] = _decode(surroundings, bits)
 
     with ThreadPoolExecutor(2) as pool:
         list(pool.map(read, (slice(start, start + BATCH) for start in range(0, len(xy_px), BATCH))))
-    return code, affine
+    return code, affine, doubt
 
 
 @dataclass(frozen=True)
@@ -115,9 +119,9 @@ def _surroundings(
     return _Surroundings(image_dn, xy_px, circle, ground, contrast, radii)
 
 
-def _decode(seen_from: _Surroundings, bits: int) -> tuple[np.ndarray, np.ndarray]:
+def _decode(seen_from: _Surroundings, bits: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     n = len(seen_from.xy_px)
-    code, affine = np.full(n, CROWDED), np.full((n, 2, 2), np.nan)
+    code, affine, doubt = np.full(n, CROWDED), np.full((n, 2, 2), np.nan), np.zeros(n)
     with np.errstate(invalid="ignore"):
         gap = seen_from.levels((1 + seen_from.radii.inner) / 2, 32)
         isolated = np.flatnonzero(~(gap > 0.5).any(axis=1) & (np.nan_to_num(np.abs(gap)).mean(axis=1) < 0.25))
@@ -126,14 +130,16 @@ def _decode(seen_from: _Surroundings, bits: int) -> tuple[np.ndarray, np.ndarray
         ring = near.rings(bits * TO_SEE).mean(axis=0)
         bright, _ = near.bright(ring)
         plain = (bright.sum(axis=1) < 0.7 * TO_SEE) & ((~np.isnan(ring)).mean(axis=1) > 0.5 + 1 / bits)
-    code[isolated[plain]] = PLAIN
+        # A disc in the middle of a bright surface is a ring's hole.
+        hole = (ring > 0.5).sum(axis=1) > HOLE * np.maximum((~np.isnan(ring)).sum(axis=1), 1)
+    code[isolated[plain & ~hole]] = PLAIN
     ringed = isolated[~plain]
     if len(ringed):
-        code[ringed], affine[ringed] = _decode_rings(near.only(~plain), bits)
-    return code, affine
+        code[ringed], affine[ringed], doubt[ringed] = _decode_rings(near.only(~plain), bits)
+    return code, affine, doubt
 
 
-def _decode_rings(seen_from: _Surroundings, bits: int) -> tuple[np.ndarray, np.ndarray]:
+def _decode_rings(seen_from: _Surroundings, bits: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     with np.errstate(invalid="ignore"):
         rings = seen_from.rings(bits * SAMPLES_A_SEGMENT)
         ring = rings.mean(axis=0)
@@ -141,21 +147,20 @@ def _decode_rings(seen_from: _Surroundings, bits: int) -> tuple[np.ndarray, np.n
     circle, radii = seen_from.circle, seen_from.radii
     shortest_px = np.linalg.norm(circle, ord=-2, axis=(1, 2)) * np.pi * (radii.inner + radii.outer) / bits
     words, trust, phase = _read(np.nan_to_num(ring), bits)
-    trust &= _ends_agree(np.nan_to_num(rings), words, phase, bits, MISPLACED + MISPLACED_PX / shortest_px)
+    doubt = _misplaced(np.nan_to_num(rings), words, phase, bits) / (MISPLACED + MISPLACED_PX / shortest_px)
+    trust &= doubt < 1
     number = number_of_word(words, bits)
     code = np.where((number > 0) & trust & quiet, number, UNREADABLE)
     code = np.where(np.isnan(ring).any(axis=1), CUT, code)
     turn = phase + 2 * np.pi / bits * _first_segment(words, bits)
     c, s = np.cos(turn), np.sin(turn)
     upright = np.stack([np.stack([c, s], -1), np.stack([s, -c], -1)], -2)  # rotation after turning y up into y down
-    return code, np.where((code > 0)[:, None, None], circle @ upright, np.nan)
+    return code, np.where((code > 0)[:, None, None], circle @ upright, np.nan), doubt
 
 
-def _ends_agree(
-    rings: np.ndarray, words: np.ndarray, phase: np.ndarray, bits: int, tolerance: np.ndarray
-) -> np.ndarray:
-    """(n,) whether every change from dark to bright lies where the word has it, near the ring's inner edge as near its
-    outer one, within `tolerance` (n,) segments. `rings` (r, n, bits * SAMPLES_A_SEGMENT) levels on several circles.
+def _misplaced(rings: np.ndarray, words: np.ndarray, phase: np.ndarray, bits: int) -> np.ndarray:
+    """(n,) how far, in segments, the worst change between dark and bright lies from where the word has it, near the
+    ring's inner edge or near its outer one. `rings` (r, n, bits * SAMPLES_A_SEGMENT) levels on several circles.
 
     Something dark in front of a dark target shows nowhere else than in the ends of the segments it hides.
     """
@@ -166,7 +171,7 @@ def _ends_agree(
     )
     bit = (words[:, None] >> np.arange(bits - 1, -1, -1).astype(np.uint32)) & 1
     before = np.roll(bit, 1, axis=1)
-    agree = np.ones(n, bool)
+    worst = np.zeros(n)
     for levels in turned:
         # From the middle of one segment to the middle of the next: half of it is bright where they differ. How bright
         # is asked of the segments' middles here, since light is seldom even.
@@ -176,8 +181,8 @@ def _ends_agree(
         bright = np.where(bright > 0, bright, bright.max(axis=1, keepdims=True))
         share = np.clip(levels.reshape(n, bits, k) / np.maximum(bright, 0.2)[..., None], 0, 1).mean(axis=2)
         off = share - (before + bit) / 2
-        agree &= (np.abs(off) < tolerance[:, None]).all(axis=1)
-    return agree
+        worst = np.maximum(worst, np.abs(off).max(axis=1))
+    return worst
 
 
 def _light(
@@ -219,11 +224,10 @@ def _directions(count: int) -> np.ndarray:
 
 
 def _first_segment(words: np.ndarray, bits: int) -> np.ndarray:
-    """(n,) which segment as read begins the smallest rotation; NaN where more than one does."""
+    """(n,) which segment as read begins the smallest rotation, the first where more than one does."""
     mask = np.uint32((1 << bits) - 1)
     turned = np.stack([((words << np.uint32(k)) | (words >> np.uint32(bits - k))) & mask for k in range(bits)], axis=1)
-    smallest = turned == smallest_rotation(words, bits)[:, None]
-    return np.where(smallest.sum(axis=1) == 1, np.argmax(smallest, axis=1), np.nan)
+    return np.argmax(turned == smallest_rotation(words, bits)[:, None], axis=1)
 
 
 def _read(ring: np.ndarray, bits: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

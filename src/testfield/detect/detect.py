@@ -9,21 +9,26 @@ from scipy.spatial import cKDTree
 from testfield.camera.images import Frame, InvertedSheet, SensorSheet
 from testfield.camera.mosaic import balanced
 from testfield.detect.centre import Centres
+from testfield.detect.centre_ring import Fitted, Rings, fit_with_rings
 from testfield.detect.circle_boards import name_circles
 from testfield.detect.contour import ROUGHLY, is_elliptic
 from testfield.detect.decode import CROWDED, CUT, PLAIN, UNREADABLE, decode
 from testfield.detect.find import find_blobs
 from testfield.detect.identify import identify
 from testfield.detect.observations import MEASURED, Observations
+from testfield.detect.outline import POLYGON, UNEVEN, UNTOLD, shapes
 from testfield.detect.screen import may_be_dots
 from testfield.detect.square_boards import detect_squares
 from testfield.registry import find
 from testfield.targets.field import Field
 from testfield.targets.marks import RingRadii
+from testfield.targets.ring_code import repeats, word_of_number
 
 LARGEST_PX = 210.0
 ROUGH = "grey_centroid"
 """The estimator that looks at every blob before the one that was asked for."""
+WITH_RINGS = "forward_model"
+"""The estimator that measures a dot once more together with its ring when that has been read."""
 WORST_MISFIT = 0.06
 """Rms residual beyond noise, as a fraction of the contrast, above which a blob is no dot."""
 WORST_UNEVEN, CERTAIN_CHI2 = ((4.0, 12.0), (0.04, 0.3)), 2.0
@@ -33,6 +38,13 @@ DISTURBED, DISTURBED_CHI2, UNUSUAL = 0.004, 1.6, 3.0
 """A dot is partly hidden or touched by something where its residual beyond noise exceeds the first, as a fraction of
 the contrast, and the third times what is usual in the image, and its chi-squared exceeds the second times what is usual
 (at least times one). Real paint, lenses and converters leave every dot some residual."""
+DOUBTFUL, OTHERS = 0.3, 8
+"""Doubt of `decode` beyond which a code is compared with the image of its ring even in a hurry, and how many of the
+least doubtful tell how well rings and images usually agree."""
+DISAGREE, DISAGREE_SIGMAS, BY_CHANCE, MOST_USUAL = 0.03, 6.5, 4.0, 9.0
+"""A ring is not the one that was read where a patch of pixels departs from its model by the first, as a fraction of the
+contrast, and by the second in sigmas; by more where a photograph's least doubtful rings depart by more than the
+third, as its print and its lens may have it. More than the last is never held to be usual."""
 NEARLY_FULL = 0.98
 LEAST_CONTRAST = 5.0
 """Contrast over noise below which nothing is measured."""
@@ -138,14 +150,14 @@ def measure_targets(
         ):
             status[(status == MEASURED) & bad] = why
 
-    code, affine = np.full(n, CROWDED), np.full((n, 2, 2), np.nan)
+    code, affine, doubt = np.full(n, CROWDED), np.full((n, 2, 2), np.nan), np.full(n, np.inf)
     good = status == MEASURED
     if bits is None:
         code[good] = PLAIN
     else:
         # A number is worth knowing even where the centre is not to be trusted.
         read = good | (status == "saturated")
-        code[read], affine[read] = decode(
+        code[read], affine[read], doubt[read] = decode(
             image,
             centres.xy_px[read],
             centres.moments_px2[read],
@@ -154,7 +166,28 @@ def measure_targets(
             bits,
             radii,
         )
-    if not by_contour:
+        number = np.flatnonzero(code > 0)
+        words = word_of_number(code[number], bits)
+        rows = number[good[number]]
+        if centroid == ROUGH:  # who asks for it is in a hurry
+            rows = rows[_asked(doubt[rows])]
+        of_row = np.searchsorted(number, rows)
+        part = Centres(**{name: values[rows] for name, values in vars(centres).items()})
+        fitted = fit_with_rings(image, sheet, part, Rings(affine[rows], words[of_row], bits, radii))
+        if centroid == WITH_RINGS:
+            done = np.flatnonzero(fitted.centres.ok)
+            centres.put(rows[done], Centres(**{name: values[done] for name, values in vars(fitted.centres).items()}))
+        status[rows[_disagree(fitted, doubt[rows], by_contour)]] = "partly hidden or disturbed"
+        affine[number[repeats(words, bits)]] = np.nan
+    if by_contour:
+        asked = np.flatnonzero(good & (code >= 0))
+        shape = shapes(image, sheet, centres.xy_px[asked], centres.moments_px2[asked])
+        status[asked[shape == POLYGON]], code[asked[shape == POLYGON]] = "a polygon", CROWDED
+        for what, why in ((UNEVEN, "a ring or a spot"), (UNTOLD, "too blurred to tell its shape")):
+            # A ring code that was read vouches for its dot.
+            status[asked[(shape == what) & (code[asked] == PLAIN)]] = why
+        good &= status == MEASURED
+    else:
         status[good & (code >= 0) & _disturbed(centres, good & (code >= 0))] = "partly hidden or disturbed"
     for what, why in (
         (CROWDED, "surroundings are not a target's"),
@@ -181,6 +214,24 @@ def _disturbed(centres: Centres, targets: np.ndarray) -> np.ndarray:
         return np.zeros(len(targets), bool)
     misfit, chi2 = (float(np.median(values[targets])) for values in (centres.misfit, centres.chi2))
     return (centres.misfit > max(DISTURBED, UNUSUAL * misfit)) & (centres.chi2 > DISTURBED_CHI2 * max(chi2, 1.0))
+
+
+def _asked(doubt: np.ndarray) -> np.ndarray:
+    """Rows of codes (n,) whose rings are compared with their models: the doubtful, and some to compare these with."""
+    order = np.argsort(doubt)
+    doubtful = order[doubt[order] > DOUBTFUL]
+    return (
+        np.sort(np.concatenate([doubtful, order[: len(order) - len(doubtful)][:OTHERS]])) if len(doubtful) else doubtful
+    )
+
+
+def _disagree(fitted: Fitted, doubt: np.ndarray, photograph: bool) -> np.ndarray:
+    """(n,) which rings are not as the image has them: where something dark hides segments, another number is read."""
+    sigmas, usual = fitted.patch_sigmas, 0.0
+    if photograph and len(doubt):
+        usual = min(float(np.median(sigmas[np.argsort(doubt)[:OTHERS]])), MOST_USUAL)
+    beyond_chance = np.sqrt(max(usual**2 - BY_CHANCE**2, 0))
+    return (fitted.patch > DISAGREE) & (sigmas > DISAGREE_SIGMAS + 5 * beyond_chance)
 
 
 def _full(centres: Centres, sheet: SensorSheet) -> np.ndarray:

@@ -757,7 +757,7 @@ class RenderPart(_Part):
 class MeasurePart(_Part):
     """Which algorithms measure the images; `testfield list` shows their names."""
 
-    centroid: str = Field("ellipse_model", description="Centroid estimator.")
+    centroid: str = Field("forward_model", description="Centroid estimator.")
     calibrator: str = Field("stitched", description="Calibration method.")
     lens: Literal["brown", "rational", "fisheye"] | None = Field(
         None, description="Lens model to calibrate; absent, that of the camera."

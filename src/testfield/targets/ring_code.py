@@ -51,3 +51,11 @@ def number_of_word(words: np.ndarray, bits: int) -> np.ndarray:
     smallest = smallest_rotation(words, bits)
     index = np.minimum(np.searchsorted(table, smallest), len(table) - 1)
     return np.where(table[index] == smallest, index + 1, 0)
+
+
+def repeats(words: np.ndarray, bits: int) -> np.ndarray:
+    """Whether words look alike after a part of a turn, so that a ring does not tell how it is turned."""
+    words = np.asarray(words, dtype=np.uint32)
+    mask = np.uint32((1 << bits) - 1)
+    turned = [((words << np.uint32(k)) | (words >> np.uint32(bits - k))) & mask for k in range(1, bits)]
+    return np.any([t == words for t in turned], axis=0)

@@ -1,0 +1,274 @@
+"""The centre of a coded dot, fitted together with its ring.
+
+A ring's blurred edge reaches into the gap around its dot, and a card of its own has light of its own. Both are in the
+model once the code has been read: the ring's segments, in the dot's light, blurred like the dot. Over the whole ring a
+gradient of the light shows twenty times as clearly as on the dot, so no neighbour is asked.
+
+The ring lies where its own homography leads it: eight parameters that begin at the dot's affine map and stay near it.
+So neither perspective nor a badly printed ring pulls the dot's centre.
+"""
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from testfield.camera.images import SensorSheet
+from testfield.detect.centre import Centres
+from testfield.detect.centre_forward import (
+    AXX,
+    AXY,
+    AYY,
+    BACKGROUND,
+    BLUR,
+    CLEAR_OF_BLUR,
+    CONTRAST,
+    CONTRAST_X,
+    CONTRAST_Y,
+    CX,
+    FIRST_BLUR_PX,
+    WORST_PX,
+    Batch,
+    dot_model,
+    half_axes,
+    inverse,
+    normal_matrix,
+    root,
+    sound,
+    window_batches,
+)  # fmt: skip
+from testfield.detect.disc import LEAST_BLUR_PX, MOST_BLUR_PX
+from testfield.detect.ring_pixels import bright_segments, ring_in_pixels, ring_nodes
+from testfield.targets.marks import RingRadii
+
+RING = 12
+"""Where the ring's parameters begin, behind the dot's: its contrast in units of the dot's, and the homography's."""
+TURNS = [(i, j) for i in range(3) for j in range(3) if (i, j) != (2, 2)]
+"""Entries of the homography's departure from the dot's affine map, in dot radii."""
+BENT = RING + 1 + len(TURNS)
+"""Where the light's curvature begins: contrast, then background that goes with x x, x y, y y, at the outer edge."""
+PARAMETERS = BENT + 6
+NEAR_AFFINE = 1 / np.square([0.03, 0.03, 0.05, 0.03, 0.03, 0.05, 0.02, 0.02])
+"""Inverse variances of these entries: how the code was read leaves a turn of a few hundredths open, and perspective
+moves the ring of a target by a few hundredths of its radius."""
+MOST_BENT = 0.1
+"""Standard deviation of the light's curvature, in units of the contrast."""
+NEAR_EDGE = 3.5
+"""Standard deviations of pixel and blur by which pixels keep clear of what may be printed beyond the quiet zone."""
+LONGEST_TURN, STILL = 0.1, 1e-3
+"""Largest step of an entry, and the step below which a ring lies still."""
+ROUNDS = 10
+PATCH = 3
+"""Side in px of the patches by whose means image and model are compared: a wrong edge is one or two pixels wide."""
+
+
+@dataclass(frozen=True)
+class Rings:
+    """n targets as read: `affine` (n, 2, 2) from their planes (x right, y up, in dot radii) to px, `words` (n,) as
+    the first segment begins at +x; `bits`, `radii` of the code."""
+
+    affine: np.ndarray
+    words: np.ndarray
+    bits: int
+    radii: RingRadii
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """n dots measured with their rings. `chi2` and `misfit` of the `centres` are those of dot, gap and ring together.
+
+    Where image and model differ most: `patch` (n,) the mean of a patch of pixels as a fraction of the contrast, and
+    `patch_sigmas` (n,) in standard deviations of its noise."""
+
+    centres: Centres
+    patch: np.ndarray
+    patch_sigmas: np.ndarray
+
+
+def fit_with_rings(image_dn: np.ndarray, sheet: SensorSheet, rough: Centres, rings: Rings) -> Fitted:
+    """Dots of rings that were read, n rows, measured again from `rough` in an image (h, w) of bright marks."""
+    n = len(rings.words)
+    found = Fitted(Centres.empty(n), np.full(n, np.inf), np.full(n, np.inf))
+    if n == 0:
+        return found
+    theta = np.zeros((n, RING))
+    axes = root(4 * rough.moments_px2)
+    theta[:, :2] = rough.xy_px
+    theta[:, AXX], theta[:, AXY], theta[:, AYY] = axes[:, 0, 0], axes[:, 0, 1], axes[:, 1, 1]
+    theta[:, BLUR], theta[:, CONTRAST], theta[:, BACKGROUND] = FIRST_BLUR_PX, rough.contrast_dn, rough.background_dn
+    batches = list(window_batches(image_dn, theta, rings.radii.outer))
+    with threadpool_limits(1, "blas"), ThreadPoolExecutor(min(os.cpu_count() or 1, 4)) as pool:
+        for batch, part in zip(batches, pool.map(lambda b: _fit(b, sheet, rings), batches), strict=True):
+            found.centres.put(batch.rows, part.centres)
+            found.patch[batch.rows], found.patch_sigmas[batch.rows] = part.patch, part.patch_sigmas
+    return found
+
+
+@dataclass
+class _Ring:
+    """A batch's rings: `bright` (n, bits); `start` (n, 3, 3) the dots' affine maps from disc coordinates (clockwise) to
+    px about the windows' middles; `contrast` (n,) in units of the dots'; `turn` (n, 8) departures; `bent` (n, 6) the
+    light's curvature in DN, at `reach_px` (n,) from the centre."""
+
+    bright: np.ndarray
+    start: np.ndarray
+    contrast: np.ndarray
+    turn: np.ndarray
+    bent: np.ndarray
+    reach_px: np.ndarray
+
+    def homography(self) -> np.ndarray:
+        departure = np.repeat(np.eye(3)[None], len(self.start), axis=0)
+        for k, (i, j) in enumerate(TURNS):
+            departure[:, i, j] += self.turn[:, k]
+        return self.start @ departure
+
+
+def _begin(batch: Batch, rings: Rings) -> _Ring:
+    n = len(batch.rows)
+    start = np.repeat(np.eye(3)[None], n, axis=0)
+    start[:, :2, :2] = rings.affine[batch.rows] * [1, -1]
+    start[:, :2, 2] = batch.theta[:, :2]
+    bright = bright_segments(rings.words[batch.rows], rings.bits)
+    reach_px = rings.radii.outer * np.abs(np.linalg.eigvalsh(half_axes(batch.theta))).max(axis=1)
+    return _Ring(bright, start, np.ones(n), np.zeros((n, len(TURNS))), np.zeros((n, 6)), reach_px)
+
+
+def _fit(batch: Batch, sheet: SensorSheet, rings: Rings) -> Fitted:
+    """Gauss and Newton's iteration with weights of the model's own variance."""
+    theta, values, ring = batch.theta, batch.values, _begin(batch, rings)
+    prior = np.zeros((len(theta), PARAMETERS))
+    prior[:, RING + 1 : BENT] = NEAR_AFFINE
+    prior[:, BENT:] = 1 / np.square(MOST_BENT * theta[:, [CONTRAST]])
+    good = sound(batch, theta)
+    safe = theta.copy()
+    converged = np.zeros(len(theta), bool)
+    for k in range(ROUNDS):
+        model, jacobian = _model(batch, ring, rings)
+        if k < 4:
+            use = batch.inside & _usable(batch, rings.radii)
+        weight = use / sheet.variance_dn2(model)
+        normal, right = normal_matrix(jacobian, weight, values - model)
+        normal[:, np.arange(PARAMETERS), np.arange(PARAMETERS)] += prior
+        right[:, RING + 1 :] -= prior[:, RING + 1 :] * np.concatenate([ring.turn, ring.bent], axis=1)
+        covariance = inverse(normal)
+        step = np.einsum("nij,nj->ni", covariance, right)
+        longest = np.abs(step[:, : BLUR + 1]).max(axis=1) / (0.5 * np.maximum(theta[:, BLUR], 0.5))
+        longest = np.maximum(longest, np.abs(step[:, RING + 1 : BENT]).max(axis=1) / LONGEST_TURN)
+        step *= np.where(good, np.minimum(1, 1 / np.maximum(longest, 1e-12)), 0)[:, None]
+        theta += step[:, :RING]
+        theta[:, BLUR] = theta[:, BLUR].clip(LEAST_BLUR_PX, MOST_BLUR_PX)
+        ring.contrast += step[:, RING]
+        ring.turn += step[:, RING + 1 : BENT]
+        ring.bent += step[:, BENT:]
+        good &= sound(batch, theta) & np.isfinite(ring.turn).all(axis=1)
+        theta[~good], ring.contrast[~good], ring.turn[~good], ring.bent[~good] = safe[~good], 1, 0, 0
+        sigma = np.sqrt(np.maximum(np.einsum("nii->ni", covariance[:, :2, :2]), 0))
+        still = np.abs(step[:, RING + 1 : BENT]).max(axis=1) < STILL
+        converged = good & still & (longest < 1) & (np.abs(step[:, :2]) < 0.02 * sigma + 1e-6).all(axis=1)
+        if k and np.all(converged | ~good):
+            break
+    residual, variance = np.where(use, values - model, 0), np.where(use, sheet.variance_dn2(model), 0)
+    centres = _centres(batch, use, residual, variance, covariance[:, :2, :2], converged)
+    return Fitted(centres, *_worst_patch(residual, variance, theta[:, CONTRAST]))
+
+
+def _worst_patch(residual: np.ndarray, variance: np.ndarray, contrast: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(n,) and (n,) as in `Fitted`, from windows (n, m, m) that are zero where no pixel is used."""
+    mean, spread = (
+        np.array([cv2.blur(window, (PATCH, PATCH), borderType=cv2.BORDER_CONSTANT) for window in part])
+        for part in (residual, variance)
+    )
+    with np.errstate(invalid="ignore", divide="ignore"):
+        sigmas = np.where(spread > 0, np.abs(mean) / np.sqrt(spread / PATCH**2), 0).max(axis=(1, 2))
+        size = np.abs(mean).max(axis=(1, 2)) / contrast
+    return np.nan_to_num(size, nan=np.inf), np.nan_to_num(sigmas, nan=np.inf)
+
+
+def _model(batch: Batch, ring: _Ring, rings: Rings) -> tuple[np.ndarray, np.ndarray]:
+    """Pixel values (n, m, m) of dot and ring, and their derivatives (n, 27, m, m)."""
+    theta = batch.theta
+    value, by_dot = dot_model(batch, theta, None)
+    homography = ring.homography()
+    radius_px = float(np.abs(np.linalg.eigvalsh(half_axes(theta))).max())
+    nodes = ring_nodes(rings.bits, rings.radii, radius_px, float(theta[:, BLUR].min()))
+    seen = ring_in_pixels(nodes, ring.bright, homography, theta[:, BLUR], batch.half)
+    offset = np.arange(-batch.half, batch.half + 1.0)
+    column = [theta[:, k, None, None] for k in range(RING)]
+    dx, dy = offset - column[CX], offset[:, None] - column[CX + 1]
+    spread = column[BLUR] ** 2 + 1 / 12
+    lit_x, lit_y = (d * seen.value - spread * seen.by_shape[:, k] for k, d in ((0, dx), (1, dy)))
+    whole = column[CONTRAST] * seen.value + column[CONTRAST_X] * lit_x + column[CONTRAST_Y] * lit_y
+    lit = column[CONTRAST] + column[CONTRAST_X] * dx + column[CONTRAST_Y] * dy
+    # Far less of the light is bent than sloping: here the blur's width does not matter.
+    u, v = dx / ring.reach_px[:, None, None], dy / ring.reach_px[:, None, None]
+    curves = np.stack([u * u * np.ones_like(v), u * v, v * v * np.ones_like(u)], axis=1)
+    bend, ground = (np.einsum("nk,nkab->nab", part, curves) for part in (ring.bent[:, :3], ring.bent[:, 3:]))
+    whole = whole + bend * seen.value
+    share = ring.contrast[:, None, None]
+
+    covered = by_dot[:, CONTRAST] + share * seen.value
+    jacobian = np.empty((len(theta), PARAMETERS, *value.shape[1:]))
+    jacobian[:, :RING] = by_dot
+    jacobian[:, BENT : BENT + 3], jacobian[:, BENT + 3 :] = curves * covered[:, None], curves
+    for k in (0, 1):
+        jacobian[:, CX + k] -= share * column[CONTRAST_X + k] * seen.value
+    jacobian[:, BLUR] += share * lit * seen.by_blur
+    jacobian[:, CONTRAST] = covered
+    jacobian[:, CONTRAST_X] += share * lit_x
+    jacobian[:, CONTRAST_Y] += share * lit_y
+    jacobian[:, RING] = whole
+    # Whatever moves an outline a little moves its blurred image likewise.
+    x, y = np.broadcast_to(offset, value.shape[1:]), np.broadcast_to(offset[:, None], value.shape[1:])
+    pixels = np.stack([x, y, np.ones_like(x)])
+    plane = (np.linalg.inv(homography) @ pixels.reshape(3, -1)).reshape(-1, *pixels.shape)
+    plane = plane / plane[:, 2:]
+    depth = np.einsum("nj,njab->nab", homography[:, 2], plane)
+    by_x, by_y = (share * lit * seen.by_shape[:, k] / depth for k in (0, 1))
+    for i in range(3):
+        to = ring.start[:, :, i, None, None]
+        moved = by_x * (to[:, 0] - x * to[:, 2]) + by_y * (to[:, 1] - y * to[:, 2])
+        for j in range(3):
+            if (i, j) in TURNS:
+                jacobian[:, RING + 1 + TURNS.index((i, j))] = moved * plane[:, j]
+    return value + ground + bend * by_dot[:, CONTRAST] + share * whole, jacobian
+
+
+def _usable(batch: Batch, radii: RingRadii) -> np.ndarray:
+    """(n, m, m) pixels as far as the ring is felt, clear of what may lie beyond its quiet zone."""
+    theta = batch.theta
+    offset = np.arange(-batch.half, batch.half + 1)
+    dx, dy = (offset - theta[:, [CX]])[:, None, :], (offset - theta[:, [CX + 1]])[:, :, None]
+    to_circle = np.linalg.inv(half_axes(theta))[..., None, None]
+    q = np.hypot(to_circle[:, 0, 0] * dx + to_circle[:, 0, 1] * dy, to_circle[:, 1, 0] * dx + to_circle[:, 1, 1] * dy)
+    px_per_q = np.hypot(dx, dy) / np.maximum(q, 1e-9)
+    blur = np.hypot(theta[:, BLUR], 0.29)[:, None, None]
+    felt = (q - radii.outer) * px_per_q <= CLEAR_OF_BLUR * blur
+    return felt & (((radii.quiet - q) * px_per_q >= NEAR_EDGE * blur) | (q <= radii.outer))
+
+
+def _centres(
+    batch: Batch,
+    use: np.ndarray,
+    residual: np.ndarray,
+    variance: np.ndarray,
+    covariance: np.ndarray,
+    converged: np.ndarray,
+) -> Centres:
+    theta = batch.theta
+    count = use.sum(axis=(1, 2))
+    freedom = np.maximum(count - PARAMETERS, 1)
+    chi2 = (residual**2 / np.where(use, variance, 1)).sum(axis=(1, 2)) / freedom
+    covariance = covariance * np.where(chi2 > 1 + 3 * np.sqrt(2 / freedom), chi2, 1.0)[:, None, None]
+    excess = (residual**2 - variance).sum(axis=(1, 2)) / np.maximum(count, 1)
+    misfit = np.sqrt(np.maximum(excess, 0)) / theta[:, CONTRAST]
+    axes = half_axes(theta)
+    with np.errstate(invalid="ignore"):
+        ok = converged & (count > 2 * PARAMETERS) & (np.einsum("nii->n", covariance) < WORST_PX**2)
+    return Centres(
+        theta[:, :2] + batch.middle, covariance, axes @ axes / 4, theta[:, CONTRAST], theta[:, BACKGROUND], chi2,
+        misfit, ok,
+    )  # fmt: skip
