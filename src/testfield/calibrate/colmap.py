@@ -40,8 +40,8 @@ def colmap(
     """COLMAP's bundle from the start of `stitched`: marks are loose points, for it knows no boards.
 
     Frame and scale are those of a similarity that lays the points of the first board upon its sheet; the other boards
-    are laid upon theirs rigidly. All pixels count alike and centres of discs as projections of centres. Of brown, COLMAP
-    has no k3, of the rational lens no thin prism. Raises `TestfieldError` where pycolmap is not installed.
+    are laid upon theirs rigidly. All pixels count alike and centres of discs as projections of centres. COLMAP's brown
+    lens has no k3, its rational one no thin prism. Raises `TestfieldError` where pycolmap is not installed.
     """
     try:
         import pycolmap

@@ -1,4 +1,4 @@
-"""The direct linear transformation (Abdel-Aziz and Karara 1971) on a field whose points are known in three dimensions."""
+"""The direct linear transformation (Abdel-Aziz and Karara 1971) on points that are known in space."""
 
 from dataclasses import replace
 
@@ -94,8 +94,8 @@ def dlt(
     covariance, names = _covariance(found.network, u_camera, stations, start.boards, sheet)
     edges = joints(found, stations, start.boards)
     notes.append(
-        "the camera is a pinhole, the mean of the images' own; its covariance is that of the images' eleven parameters, "
-        "that of the stations has its part and the pixels'; both leave out what is unknown of the boards, and the discs' eccentricity"
+        "the camera is a pinhole, the mean of the images' own, with the covariance of their eleven parameters; "
+        "the stations' has its part and the pixels'; what is unknown of boards, and the discs' eccentricity, is in none"
     )
     return Calibration(
         "dlt", interior, stations, found.network.stations, start.boards, found.network.boards, 1.0, covariance, names,

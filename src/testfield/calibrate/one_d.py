@@ -34,8 +34,8 @@ def one_d(
     """The camera from the images of a wand, the field sheet's first, that turns about its first target.
 
     Neither the camera nor that target moves: the stations are images of one camera, whose frame is that of the result,
-    so only the camera, the fixed target (`wand.tx` ...) and the wand's distances are unknowns with a covariance. Zhang's
-    closed form gives the start, all pixels with their covariance the estimate; the wand's distances are known as well
+    so only camera, fixed target (`wand.tx` ...) and the wand's distances are unknowns with a covariance. Zhang's closed
+    form gives the start, all pixels with their covariance the estimate; the wand's distances are known as well
     as its sheet says. Raises `TestfieldError` where the sheet lists no wand, for fewer than six images of it, and where
     its directions do not determine the camera.
     """

@@ -124,7 +124,7 @@ def _fisheye(
         flags |= 0 if free[k] else getattr(cv2, f"CALIB_FIX_{name.upper()}")
     try:
         found = cv2.fisheye.calibrate(
-            [o[:, None].astype(float) for o in objects], [i[:, None].astype(float) for i in images],
+            [o[None].astype(float) for o in objects], [i[None].astype(float) for i in images],
             (start.width_px, start.height_px), start.matrix, np.zeros((4, 1)), flags=flags, criteria=CRITERIA,
         )  # fmt: skip
     except cv2.error as error:

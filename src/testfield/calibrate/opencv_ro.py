@@ -17,6 +17,8 @@ from testfield.registry import register
 from testfield.targets.field import Field, NominalBoard
 
 LEAST_COMMON = 8
+WITHOUT_SCHUR = getattr(cv2, "CALIB_DISABLE_SCHUR_COMPLEMENT", 0)
+"""OpenCV 5 releases the object only without its reduced normal equations, which earlier ones do not have."""
 
 
 @register("calibrators", "opencv_ro")
@@ -31,9 +33,9 @@ def opencv_ro(
 ) -> Calibration:
     """`cv2.calibrateCameraRO`: one board whose marks are unknown but for three that hold its frame.
 
-    The board is the one called `board`, or that of which most marks were observed. OpenCV asks that every view shows the
-    same marks, so views that show few are left out, and of the others the marks they have in common are used. Raises
-    `TestfieldError` where that leaves too little, and for a lens that this function of OpenCV does not have.
+    The board is the one called `board`, or that of which most marks were observed. OpenCV asks that every view shows
+    the same marks, so views that show few are left out, and of the others the marks they have in common are used.
+    Raises `TestfieldError` where that leaves too little, and for a lens that this function of OpenCV does not have.
     """
     if lens not in NEEDED:
         raise TestfieldError(f"OpenCV releases no object with the lens '{lens}'", "measure.lens",
@@ -54,8 +56,8 @@ def opencv_ro(
     used = np.array([[view[int(point)] for point in order] for view in seen])
     found = cv2.calibrateCameraRO(
         [xyz.astype(np.float32)] * len(edges), [rows.xy_px[k].astype(np.float32) for k in used], (width_px, height_px),
-        at, start.matrix, np.zeros(NEEDED[lens]), flags=flags_of(lens, hold) | cv2.CALIB_USE_INTRINSIC_GUESS,
-        criteria=CRITERIA,
+        at, start.matrix, np.zeros(NEEDED[lens]), criteria=CRITERIA,
+        flags=flags_of(lens, hold) | cv2.CALIB_USE_INTRINSIC_GUESS | WITHOUT_SCHUR,
     )  # fmt: skip
     interior, poses = camera_of(start, found[1], found[2]), poses_of(found[3], found[4])
     new = np.reshape(found[5], (-1, 3)).astype(float)
@@ -107,7 +109,7 @@ def _common(edges: Edges, rows: Observations) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _ordered(sheet: NominalBoard, points: np.ndarray) -> tuple[np.ndarray, int]:
-    """The marks in the order that makes OpenCV hold three corners: the first, the one at the place returned, the last."""
+    """The marks in the order that makes OpenCV hold three corners: the first, that at the place returned, the last."""
     x, y = sheet.marks.xy_mm[points].T
     first, second, last = points[np.argmin(x + y)], points[np.argmax(x - y)], points[np.argmax(y - x)]
     rest = [p for p in points if p not in (first, second, last)]

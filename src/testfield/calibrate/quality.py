@@ -31,9 +31,9 @@ def joints(adjustment: Adjustment, stations: tuple[str, ...], boards: tuple[str,
 def board_quality(
     covariance: np.ndarray, labels: tuple[str, ...], boards: tuple[str, ...], edges: tuple[dict, ...]
 ) -> tuple[dict, ...]:
-    """One entry a board: standard uncertainties `u_position_mm` and `u_turn_mrad` (root of the three axes' sum, none for
-    the datum), `images` that show it, and `links`, how many
-    images away from the datum board it is (none if apart)."""
+    """One entry a board: standard uncertainties `u_position_mm` and `u_turn_mrad` (root of the axes' sum, none for
+    the datum), `images` that show it, and `links`, how
+    many images away from the datum board it is (none if apart)."""
     place = {label: k for k, label in enumerate(labels)}
     away = _links(boards, edges)
     found = []
