@@ -49,7 +49,7 @@ def sheet(u_xy_mm: float = 0.0, u_scale: float = 0.0, bar: bool = True) -> Field
 
 
 @cache
-def around(count: int = 9, roll: bool = True, face_on: bool = False) -> Poses:
+def around(count: int = 9, face_on: bool = False) -> Poses:
     """Stations around the boards, each quarter turn once, or side by side and face on."""
     poses = []
     for k in range(count):
@@ -58,7 +58,7 @@ def around(count: int = 9, roll: bool = True, face_on: bool = False) -> Poses:
         aim = np.array([220.0, 150, 60])
         if face_on:
             place, aim = np.array([200.0 + 10 * k, 150, 2000]), np.array([200.0 + 10 * k, 150, 0])
-        poses.append(camera_looking(place, aim, np.pi / 2 * (k % 4) * roll))
+        poses.append(camera_looking(place, aim, np.pi / 2 * (k % 4)))
     return Poses(np.array([R for R, _ in poses]), np.array([t for _, t in poses]))
 
 
@@ -194,13 +194,13 @@ def test_a_wand_gives_the_camera_and_its_scatter() -> None:
     found = calibrated("one_d", wand_rows(BROWN, WAND), field, hold=hold)
     assert np.abs(found.interior.parameters - BROWN.parameters).max() < 1e-5
     rng, squares, chi2 = np.random.default_rng(2), [], []
-    for _ in range(25):
+    for _ in range(12):
         noisy = calibrated("one_d", wand_rows(BROWN, WAND, rng), field, hold=hold)
         free = [k for k, name in enumerate(BROWN.names) if name in noisy.labels]
         error = (noisy.interior.parameters - BROWN.parameters)[free]
         squares.append(error @ np.linalg.solve(noisy.covariance[: len(free), : len(free)], error) / len(free))
         chi2.append(noisy.sigma0**2)
-    assert np.mean(squares) == pytest.approx(1, abs=3 * np.sqrt(2 / (25 * 8)))
+    assert np.mean(squares) == pytest.approx(1, abs=3 * np.sqrt(2 / (12 * 8)))
     assert np.mean(chi2) == pytest.approx(1, abs=0.1)
 
 
@@ -335,18 +335,10 @@ def test_good_observations_raise_no_doubt() -> None:
 
 
 def test_views_without_roll_name_what_leans_on_tilts() -> None:
-    found = calibrated("stitched", seen(stations=around(roll=False)), sheet())
-    assert said(found, "never turned about its axis", "cx, cy, p1, p2") or said(found, "roll within") is False
-    level = seen(stations=level_stations())
+    aim, places = np.array([220.0, 150, 60]), [np.array([x, -1300.0, 1300]) for x in range(0, 500, 60)]
+    poses = [camera_looking(place, aim, 0.0) for place in places]
+    level = seen(stations=Poses(np.array([R for R, _ in poses]), np.array([t for _, t in poses])))
     assert said(calibrated("stitched", level, sheet()), "never turned about its axis", "cx, cy, p1, p2")
-
-
-def level_stations() -> Poses:
-    """Stations on an arc in front of the boards, their x axes alike."""
-    poses = [
-        camera_looking(np.array([x, -500.0, 1800]), np.array([220.0, 150, 60]), 0.0) for x in range(-600, 900, 200)
-    ]
-    return Poses(np.array([R for R, _ in poses]), np.array([t for _, t in poses]))
 
 
 def test_views_face_on_name_the_focal_length() -> None:
@@ -418,7 +410,7 @@ def test_a_board_in_metres_is_named_and_left_out() -> None:
     b = field.boards[1]
     metres = replace(b, marks=replace(b.marks, xy_mm=b.marks.xy_mm / 1000, diameter_mm=b.marks.diameter_mm / 1000))
     found = calibrated("stitched", seen(), replace(field, boards=(field.boards[0], metres, field.boards[2])))
-    assert said(found, "board 'B' is 1e+03 times as small", "metres instead of millimetres", "left out")
+    assert said(found, "board 'B' is about 10", "times as small", "metres instead of millimetres", "left out")
     assert found.board_names == ("A", "C") and np.abs(errors(found, BROWN)).max() < 1e-4
 
 
@@ -436,7 +428,7 @@ def test_observations_that_are_no_numbers_are_an_error_that_names_the_row() -> N
     rows = seen()
     xy = rows.xy_px.copy()
     xy[17] = np.nan
-    with pytest.raises(TestfieldError, match="observation 17 .*'s0'.*is not finite"):
+    with pytest.raises(TestfieldError, match=r"observation 17 .*'s0'.*is not finite"):
         calibrated("zhang", replace(rows, xy_px=xy), sheet())
 
 

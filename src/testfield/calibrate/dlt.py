@@ -113,7 +113,7 @@ def eleven_parameters(xyz_mm: np.ndarray, xy_px: np.ndarray) -> tuple[np.ndarray
     x = np.column_stack([xy_px, np.ones(len(xy_px))]) @ to_xy.T
     none = np.zeros_like(X)
     rows = np.vstack([np.hstack([X, none, -x[:, [0]] * X]), np.hstack([none, X, -x[:, [1]] * X])])
-    P = np.linalg.inv(to_xy) @ np.linalg.svd(rows)[2][-1].reshape(3, 4) @ to_xyz
+    P = np.linalg.inv(to_xy) @ np.linalg.svd(rows, full_matrices=False)[2][-1].reshape(3, 4) @ to_xyz
     P = P if np.linalg.det(P[:, :3]) > 0 else -P
     K, R = rq(P[:, :3])
     signs = np.diag(np.sign(np.diag(K)))

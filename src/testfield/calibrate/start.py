@@ -87,15 +87,17 @@ def starting_network(
     """
     interior, free = _first_camera(width_px, height_px, lens, hold, fixed)
     notes: list[str] = []
+    told: set[int] = set()
     edges, gross = board_edges(rows, field)
     focal, camera_from_board = guess(edges, rows, field, interior.parameters[2:4])
     if len(field.boards) > 1:
         keep = boards_of_one_unit(edges, camera_from_board, field, notes)
+        told = {int(b) for b in edges.board[~keep]}
         edges, camera_from_board = edges.take(keep), camera_from_board[keep]
     sizes = dots_fit_their_spacing(edges, rows, field, notes)
     interior = interior.with_parameters(np.array([focal, focal, *interior.parameters[2:]]))
 
-    placed = _placed(edges, camera_from_board, rows, field, given, notes)
+    placed = _placed(edges, camera_from_board, rows, field, given, told, notes)
     boards, stations = placed.boards, placed.stations
     if len(stations) < least_stations:
         raise TestfieldError(
@@ -172,7 +174,13 @@ class _Placed:
 
 
 def _placed(
-    edges: Edges, camera_from_board: Poses, rows: Observations, field: Field, given: bool, notes: list[str]
+    edges: Edges,
+    camera_from_board: Poses,
+    rows: Observations,
+    field: Field,
+    given: bool,
+    told: set[int],
+    notes: list[str],
 ) -> _Placed:
     stations, boards = len(rows.stations), len(field.boards)
     apart = groups_apart(edges.station, edges.board, stations, boards)
@@ -193,15 +201,15 @@ def _placed(
         )
         board_poses, has_board = ordered[place], has_order[place]
     joined = order[has_board[order]]
-    _note_left_out(apart, has_station, has_board, rows, field, notes)
+    _note_left_out(apart, has_station, has_board, rows, field, told, notes)
     return _Placed(joined, np.flatnonzero(has_station), board_poses, station_poses)
 
 
 def _note_left_out(
     apart: list[tuple[list, list]], has_station: np.ndarray, has_board: np.ndarray, rows: Observations, field: Field,
-    notes: list[str],
+    told: set[int], notes: list[str],
 ) -> None:  # fmt: skip
-    """Which groups, boards and stations are not joined to the datum."""
+    """Which groups, boards and stations are not joined to the datum; boards in `told` have had their word."""
     for stations, boards in apart:
         if not has_board[boards].any() or not has_station[stations].any():
             which = ", ".join(f"'{field.boards[b].name}'" for b in boards)
@@ -210,7 +218,7 @@ def _note_left_out(
                 f"board{'s' if len(boards) > 1 else ''} {which}, seen by {by}, "
                 f"share{'' if len(boards) > 1 else 's'} no image with the others: this group is left out"
             )
-    told_boards = {b for _, boards in apart for b in boards}
+    told_boards = told | {b for _, boards in apart for b in boards}
     told_stations = {s for stations, _ in apart for s in stations}
     notes += [
         f"board '{field.boards[b].name}' is seen by no station well enough and is left out"

@@ -110,4 +110,6 @@ def _relative_sizes(edges: Edges, camera_from_board: Poses) -> dict[int, float]:
 
 
 def _times(ratio: float) -> str:
-    return f"{ratio:.3g} times as small" if ratio > 1 else f"{1 / ratio:.3g} times as large"
+    factor = max(ratio, 1 / ratio)
+    said = f"{factor:.0f}" if factor > 10 else f"{factor:.1f}"
+    return f"about {said} times as {'small' if ratio > 1 else 'large'}"
