@@ -27,6 +27,7 @@ CAMERAS = {
     "brown": CAMERA,
     "rational": Interior(2448, 2048, RATIONAL, "rational"),
     "fisheye": Interior(2448, 2048, FISHEYE, "fisheye"),
+    "brown_shear": Interior(2448, 2048, np.append(LENS, 4e-3), "brown_shear"),
     "brown with a residual field": Interior(2448, 2048, LENS, "brown", FIELD),
 }
 
@@ -52,7 +53,7 @@ def test_opencv_agrees_on_the_other_models(name: str) -> None:
     assert np.abs(project_camera(camera, points) - theirs.reshape(-1, 2)).max() < 1e-8
 
 
-@pytest.mark.parametrize("name", ["brown", "rational", "fisheye"])
+@pytest.mark.parametrize("name", ["brown", "brown_shear", "rational", "fisheye"])
 def test_derivatives_of_every_model_agree_with_differences(name: str) -> None:
     camera, (poses, points) = CAMERAS[name], _views()
     _, jacobian = project_with_jacobian(camera, poses, points)

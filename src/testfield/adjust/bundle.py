@@ -67,9 +67,13 @@ class Adjustment:
 
 
 def adjust(
-    network: Network, labels: list[str], robust: bool = False, datum_points: np.ndarray | None = None
+    network: Network,
+    labels: list[str],
+    robust: bool = False,
+    datum_points: np.ndarray | None = None,
+    most_steps: int = MOST_STEPS,
 ) -> Adjustment:
-    """Adjust a network from its starting values.
+    """Adjust a network from its starting values; with `most_steps` 0 only say how well they are determined there.
 
     Where nothing holds the datum (or only its scale), it is a free network: the loose `datum_points` (all that are
     seen, if not given) stay on the whole where they started. `robust` gives residuals beyond `HUBER` standard
@@ -77,17 +81,19 @@ def adjust(
     naming those that are loose.
     """
     with threadpool_limits(1, "blas"):  # many small products: BLAS' own threads would only wait for each other
-        return _adjust(network, labels, robust, datum_points)
+        return _adjust(network, labels, robust, datum_points, most_steps)
 
 
-def _adjust(network: Network, labels: list[str], robust: bool, datum_points: np.ndarray | None) -> Adjustment:
+def _adjust(
+    network: Network, labels: list[str], robust: bool, datum_points: np.ndarray | None, most_steps: int
+) -> Adjustment:
     structure, start = Structure.of(network), network
     whitening = np.linalg.inv(np.linalg.cholesky(network.cov_px2))
     weight = _weights(network, whitening) if robust else np.ones(len(network.point))
     chi2 = _chi2(network, whitening, weight)
     damping, steps, converged = FIRST_DAMPING, 0, False
     equations, ways = _equations(network, structure, whitening, weight)
-    while steps < MOST_STEPS:
+    while steps < most_steps:
         steps += 1
         normal, right, inverse = equations.reduced(damping)
         step = Factor(normal, labels, ways[0]).solve(right)
@@ -145,6 +151,10 @@ def _freedom(network: Network, size: int, open_ways: int) -> int:
     used = np.union1d(seen, kept)
     known = int((np.einsum("nii->ni", network.information[used]) > 0).sum())
     known += sum(int(np.isfinite(c.u[c.unknown]).sum()) for c in network.cameras) + network.scale_free
+    if network.known_boards:
+        known += sum(
+            int(np.isfinite(u).sum()) for u, w in zip(network.known_boards.u, network.ways, strict=True) if w.size
+        )
     unknowns = size - open_ways + 3 * len(np.setdiff1d(seen, kept))
     return 2 * len(network.xy_px) + len(network.distances) + known - unknowns
 
@@ -178,6 +188,10 @@ def _chi2(network: Network, whitening: np.ndarray, weight: np.ndarray) -> float:
         total = (weight[:, None] * white**2).sum() + np.einsum("ni,nij,nj->", off, network.information[used], off)
         for c in network.cameras:
             total += ((((c.known - c.interior.parameters) / c.u)[c.unknown]) ** 2).sum()
+        if network.known_boards:
+            moving = np.array([w.size > 0 for w in network.ways])
+            off = network.known_boards.deviation(network.boards)[moving]
+            total += (network.known_boards.information[moving] * off**2).sum()
         at = network.datum_mm(network.distances.ends.ravel()).reshape(-1, 2, 3)
         gap = network.distances.length_mm - np.linalg.norm(at[:, 0] - at[:, 1], axis=1)
         total += ((gap / np.maximum(network.distances.u_mm, EXACT_MM)) ** 2).sum()

@@ -54,6 +54,8 @@ def _similarity(network: Network, layout: Layout, centre: np.ndarray) -> tuple[n
             by_reduced[layout.board[b] : layout.board[b + 1]] = ways.T @ six[b]
             left = six[b] - ways @ (ways.T @ six[b])  # ways are orthonormal
             held += left.T @ left / EXACT_MM**2
+            if network.known_boards and ways.size:
+                held += six[b].T @ (network.known_boards.information[b][:, None] * six[b])
         held[6, 6] += 1 / EXACT_MM**2  # boards are made to size
     loose = network.point_board < 0
     by_point[loose] = move(network.point_mm[loose])

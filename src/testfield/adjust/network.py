@@ -6,10 +6,12 @@ from functools import cached_property
 import numpy as np
 
 from testfield.camera.interior import Interior
-from testfield.camera.pose import Poses, rotation
+from testfield.camera.pose import Poses, rotation, rotation_vector
 
 EXACT_MM = 1e-6
 """A coordinate or a length that is said to be exact is held with this standard deviation."""
+EXACT_RAD = 1e-9
+"""The same of a turn."""
 FREE = np.eye(6)
 HELD = np.zeros((6, 0))
 """Ways a pose may move: columns (6, k) of small turns (rad) after its rotation, then shifts (mm)."""
@@ -73,6 +75,25 @@ class Distances:
 
 
 @dataclass(frozen=True)
+class KnownBoards:
+    """What was known of board poses before: `poses` (B) datum-from-board, and `u` (B, 6) the standard deviations of
+    their small turns in rad and shifts in mm; infinite ones tell nothing."""
+
+    poses: Poses
+    u: np.ndarray
+
+    @property
+    def information(self) -> np.ndarray:
+        """(B, 6) inverse variances."""
+        return 1 / np.maximum(self.u, [EXACT_RAD] * 3 + [EXACT_MM] * 3) ** 2
+
+    def deviation(self, boards: Poses) -> np.ndarray:
+        """(B, 6) known minus present: turns, then shifts."""
+        turn = rotation_vector(self.poses.R @ np.swapaxes(boards.R, 1, 2))
+        return np.concatenate([turn, self.poses.t_mm - boards.t_mm], axis=1)
+
+
+@dataclass(frozen=True)
 class Network:
     """Unknowns and observations of one adjustment.
 
@@ -80,7 +101,7 @@ class Network:
     cameras, of which member 0 is the station itself; datum-from-board poses `boards` (B), which move in their `ways`;
     one `scale` of all boards with prior 1 +- `u_scale` (0: held); `point_mm` (n, 3) in the frame of board
     `point_board` (n,), or in the datum frame where that is -1. `known_mm` (n, 3) with `information` (n, 3, 3), an
-    inverse covariance, is what was known of them before; zeros: nothing.
+    inverse covariance, is what was known of them before; zeros: nothing. `known_boards` the same of the boards' poses.
 
     Observations: `xy_px` (m, 2) with `cov_px2` (m, 2, 2) of point `point` (m,) in image `image` (m,) of `images`;
     `offset_px` (m, 2) is what the image of a disc adds to the projection of its centre. `distances`.
@@ -104,6 +125,7 @@ class Network:
     scale: float = 1.0
     u_scale: float = 0.0
     members: Poses = field(default_factory=lambda: Poses.identity(1))
+    known_boards: KnownBoards | None = None
 
     @property
     def interior(self) -> Interior:

@@ -53,6 +53,12 @@ class NormalEquations:
             weight = 1 / camera.u[camera.unknown] ** 2
             self.normal[columns, columns] += weight
             self.right[columns] += weight * (camera.known - camera.interior.parameters)[camera.unknown]
+        if network.known_boards:
+            off = network.known_boards.deviation(network.boards)
+            for b, (ways, weight) in enumerate(zip(network.ways, network.known_boards.information, strict=True)):
+                columns = np.arange(layout.board[b], layout.board[b + 1])
+                self.normal[np.ix_(columns, columns)] += ways.T @ (weight[:, None] * ways)
+                self.right[columns] += ways.T @ (weight * off[b])
         if network.scale_free:
             self.normal[layout.scale, layout.scale] += 1 / network.u_scale**2
             self.right[layout.scale] += (1 - network.scale) / network.u_scale**2

@@ -21,8 +21,9 @@ class Calibration:
     their sheets; `covariance` (P, P) of the unknowns named in `labels` (interior in the model's units, rotations in
     rad as small turns after the pose's rotation, translations in mm, scale). `sigma0` of the adjustment with
     `freedom`; `reprojection_rms_px` over `used` observations; `rejected` observations (station, board, x_px, y_px,
-    size of the residual in standard deviations); `residual_px` (m, 2) observed minus adjusted at `residual_at_px`
-    (m, 2); `graph` edges (station, board, marks); `notes` for the reader.
+    size of the residual in standard deviations, why); `residual_px` (m, 2) observed minus adjusted at `residual_at_px`
+    (m, 2); `graph` edges (station, board, marks); `joints`, `board_quality` and `test` as in `quality`; `notes` for the
+    reader.
     """
 
     method: str
@@ -43,6 +44,9 @@ class Calibration:
     residual_px: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
     graph: tuple[tuple[str, str, int], ...] = ()
     notes: tuple[str, ...] = ()
+    joints: tuple[dict, ...] = ()
+    board_quality: tuple[dict, ...] = ()
+    test: dict = field(default_factory=dict)
 
     def index(self, names: list[str]) -> np.ndarray:
         """Places of the named unknowns in the covariance."""
@@ -71,8 +75,8 @@ class Calibration:
         data["interior"] = Interior.from_json(data["interior"])
         data["stations"], data["boards"] = (_poses(data[key]) for key in ("stations", "boards"))
         data |= {key: np.array(data[key]) for key in ARRAYS}
-        for key in ("station_names", "board_names", "labels", "rejected", "notes"):
-            data[key] = tuple(data[key])
+        for key in ("station_names", "board_names", "labels", "rejected", "notes", "joints", "board_quality"):
+            data[key] = tuple(data.get(key, ()))
         data["graph"] = tuple(tuple(edge) for edge in data["graph"])
         return Calibration(**data)
 

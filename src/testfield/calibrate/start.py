@@ -1,28 +1,42 @@
-"""Starting values of a stitched calibration: homographies, the graph of images and boards, and their network."""
+"""Starting values of a calibration with boards: homographies, the graph of images and boards, and their network."""
 
-from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
-from testfield.adjust.network import FREE, HELD, Camera, Distances, Images, Network, information_of
-from testfield.calibrate.graph import spanning_poses
-from testfield.calibrate.homography import focal_length, plane_homography, plane_pose
+from testfield.adjust.network import (
+    EXACT_MM,
+    FREE,
+    HELD,
+    Camera,
+    Distances,
+    Images,
+    KnownBoards,
+    Network,
+    information_of,
+)
+from testfield.calibrate.edges import Edges, board_edges
+from testfield.calibrate.graph import given_poses, groups_apart, spanning_poses
+from testfield.calibrate.homography import focal_length, plane_pose
+from testfield.calibrate.units import boards_of_one_unit, dots_fit_their_spacing
 from testfield.camera.interior import Interior
-from testfield.camera.pose import Poses
+from testfield.camera.pose import Poses, rotation
 from testfield.camera.rays import meet
 from testfield.detect.observations import Observations
 from testfield.errors import TestfieldError
 from testfield.targets.field import Field
 
-LEAST_MARKS = 8
-LEAST_SPREAD_PX2 = 25.0
-"""Marks of less spread in an image lie on a line."""
-_PINHOLE_LIKE = {"brown": [0.0] * 5, "rational": [0.0] * 12, "fisheye": [1 / 3, 2 / 15, 17 / 315, 62 / 2835]}
+PINHOLE_LIKE = {
+    "brown": [0.0] * 5,
+    "brown_shear": [0.0] * 6,
+    "rational": [0.0] * 12,
+    "fisheye": [1 / 3, 2 / 15, 17 / 315, 62 / 2835],
+}
 """Coefficients with which each model images as a pinhole does: homographies know nothing else."""
-GROSS_PX = 25.0
-"""A mark farther than this from its board's homography is misread: no lens bends one board so much."""
+
+Guess = Callable[[Edges, Observations, Field, np.ndarray], tuple[float, Poses]]
+"""A first focal length in px and camera-from-board poses (E) of edges, the principal point given in px (2,)."""
 
 
 @dataclass(frozen=True)
@@ -30,8 +44,8 @@ class Start:
     """A network with starting values, and what belongs to it.
 
     `rows` (m,) which observations it uses; `radius_mm` (n,) of its points' discs, 0 of corners; names of its `stations`
-    and `boards`;
-    `graph` edges (station, board, marks); `gross` rows that were misread; `notes` for the reader.
+    and `boards`; `bars` names of its distances; `graph` edges (station, board, marks); `gross` rows that were misread;
+    `notes` for the reader.
     """
 
     network: Network
@@ -39,65 +53,60 @@ class Start:
     radius_mm: np.ndarray
     stations: tuple[str, ...]
     boards: tuple[str, ...]
+    bars: tuple[str, ...]
     graph: tuple[tuple[str, str, int], ...]
     gross: np.ndarray
     notes: list[str]
 
 
-@dataclass(frozen=True)
-class _Edges:
-    """One board in one image: station, board, weight, homography (3, 3), number of marks."""
-
-    station: np.ndarray
-    board: np.ndarray
-    weight: np.ndarray
-    homography: np.ndarray
-    marks: np.ndarray
+def from_homographies(edges: Edges, rows: Observations, field: Field, middle_px: np.ndarray) -> tuple[float, Poses]:
+    """The guess of Zhang (2000) with the principal point known: two constraints on the focal length a homography."""
+    focal = focal_length(edges.homography, middle_px)
+    poses = [plane_pose(h, focal, middle_px) for h in edges.homography]
+    return focal, Poses(np.array([R for R, _ in poses]), np.array([t for _, t in poses]))
 
 
 def starting_network(
-    rows: Observations, field: Field, width_px: int, height_px: int, lens: str, hold: tuple[str, ...]
+    rows: Observations,
+    field: Field,
+    width_px: int,
+    height_px: int,
+    lens: str,
+    hold: tuple[str, ...],
+    *,
+    fixed: tuple[str, ...] = (),
+    guess: Guess = from_homographies,
+    least_stations: int = 2,
+    given: bool = False,
 ) -> Start:
     """The network of all boards and stations that a chain of images joins to the first board that was seen.
 
-    Raises `TestfieldError` where no board, or too little of them, was seen.
+    `hold` names coefficients kept at zero, `fixed` parameters kept as guessed. `given`: the boards' poses that the
+    sheet certifies join boards too, and are known with their uncertainty; its first board is then the datum. Raises
+    `TestfieldError` where no board, or too little of them, was seen.
     """
-    middle = np.array([(width_px - 1) / 2, (height_px - 1) / 2])
-    edges, gross = _edges(rows, field)
-    focal = focal_length(edges.homography, middle)
-    poses = [plane_pose(h, focal, middle) for h in edges.homography]
-    camera_from_board = Poses(np.array([R for R, _ in poses]), np.array([t for _, t in poses]))
+    interior, free = _first_camera(width_px, height_px, lens, hold, fixed)
+    notes: list[str] = []
+    told: set[int] = set()
+    edges, gross = board_edges(rows, field)
+    focal, camera_from_board = guess(edges, rows, field, interior.parameters[2:4])
+    if len(field.boards) > 1:
+        keep = boards_of_one_unit(edges, camera_from_board, field, notes)
+        told = {int(b) for b in edges.board[~keep]}
+        edges, camera_from_board = edges.take(keep), camera_from_board[keep]
+    sizes = dots_fit_their_spacing(edges, rows, field, notes)
+    interior = interior.with_parameters(np.array([focal, focal, *interior.parameters[2:]]))
 
-    first = int(edges.board.min())
-    order = np.argsort(np.arange(len(field.boards)) != first, kind="stable")  # the datum board comes first
-    place = np.argsort(order)
-    station_poses, board_poses, has_station, has_board = spanning_poses(
-        edges.station, place[edges.board], edges.weight, camera_from_board, len(rows.stations), len(field.boards)
-    )
-    notes = [
-        f"board '{field.boards[order[k]].name}' shares no image with the others and is left out"
-        for k in np.flatnonzero(~has_board)
-    ]
-    notes += [
-        f"station '{rows.stations[k]}' shows too little of any joined board and is left out"
-        for k in np.flatnonzero(~has_station)
-    ]
-    boards, stations = order[has_board], np.flatnonzero(has_station)
-    if len(stations) < 2:
-        raise TestfieldError("fewer than two stations see a board well enough", do="add stations")
-    interior = Interior(width_px, height_px, np.array([focal, focal, *middle, *_PINHOLE_LIKE[lens]]), lens)
-    unknown = sorted(set(hold) - set(interior.names[4:]))
-    if unknown:
+    placed = _placed(edges, camera_from_board, rows, field, given, told, notes)
+    boards, stations = placed.boards, placed.stations
+    if len(stations) < least_stations:
         raise TestfieldError(
-            f"the lens model '{lens}' has no coefficient '{unknown[0]}'",
-            "measure.hold",
-            f"its are {', '.join(interior.names[4:])}",
-        )
-    free = np.array([name not in hold for name in interior.names])
-    interior = interior.with_parameters(np.where(free, interior.parameters, 0.0))
-
+            "no station sees a board well enough" if least_stations == 1
+            else "fewer than two stations see a board well enough", do="add stations",
+        )  # fmt: skip
+    has_station = np.isin(np.arange(len(rows.stations)), stations)
     usable = has_station[rows.station] & ~gross
-    points = _board_points(field, boards)
+    points = _board_points(field, boards, sizes)
     point = np.full(len(rows), -1)
     index = np.full(len(field.boards), -1)
     index[boards] = np.arange(len(boards))
@@ -109,7 +118,7 @@ def starting_network(
     ends_mm = []
     for end, seen in bars.seen.items():
         point[seen] = end
-        ends_mm.append(meet(interior, station_poses[rows.station[seen]], rows.xy_px[seen]))
+        ends_mm.append(meet(interior, placed.station_poses[rows.station[seen]], rows.xy_px[seen]))
     local = np.vstack([points.local, *ends_mm])
     u = np.vstack([points.u, np.full((len(ends_mm), 3), np.inf)])
     owner = np.concatenate([points.owner, np.full(len(ends_mm), -1)])
@@ -118,10 +127,11 @@ def starting_network(
     number = np.full(len(rows.stations), -1)
     number[stations] = np.arange(len(stations))
     network = Network(
-        (Camera.of(interior, free),), station_poses[stations], Images.one_camera(len(stations)),
-        board_poses[np.flatnonzero(has_board)], (HELD, *[FREE] * (len(boards) - 1)),
+        (Camera.of(interior, free),), placed.station_poses[stations], Images.one_camera(len(stations)),
+        placed.board_poses[boards], (HELD, *[FREE] * (len(boards) - 1)),
         local, owner, local, information_of(u), number[rows.station[used]], point[used], rows.xy_px[used],
         rows.cov_px2[used], np.zeros((len(used), 2)), bars.distances, 1.0, field.u_scale,
+        known_boards=_known_boards(field, boards) if given else None,
     )  # fmt: skip
     graph = tuple(
         (rows.stations[s], field.boards[b].name, int(n))
@@ -130,36 +140,114 @@ def starting_network(
     )
     return Start(
         network, used, np.concatenate([points.radius, bars.radius]), tuple(rows.stations[s] for s in stations),
-        tuple(field.boards[b].name for b in boards), graph, np.flatnonzero(gross), notes,
+        tuple(field.boards[b].name for b in boards), bars.names, graph, np.flatnonzero(gross), notes,
     )  # fmt: skip
 
 
-def _edges(rows: Observations, field: Field) -> tuple[_Edges, np.ndarray]:
-    """Every board in every image that shows enough of it; and which observations are misread."""
-    found: list[tuple] = []
-    gross = np.zeros(len(rows), bool)
-    for s in range(len(rows.stations)):
-        for b, sheet in enumerate(field.boards):
-            here = np.flatnonzero((rows.station == s) & (rows.board == b))
-            if len(here) < LEAST_MARKS:
-                continue
-            plane, image = sheet.marks.xy_mm[rows.point[here]], rows.xy_px[here]
-            _, inside = cv2.findHomography(plane, image, cv2.RANSAC, GROSS_PX)
-            keep = np.zeros(len(here), bool) if inside is None else inside.ravel().astype(bool)
-            gross[here[~keep]] = True
-            spread = np.sqrt(max(np.linalg.det(np.cov(image[keep].T)), 0)) if keep.sum() >= LEAST_MARKS else 0.0
-            if spread < LEAST_SPREAD_PX2:
-                continue
-            found.append((s, b, keep.sum() * spread, plane_homography(plane[keep], image[keep]), keep.sum()))
-    if not found:
-        why = Counter(rows.status.astype(str)) if len(rows) else Counter({"no blob was measured": 0})
-        seen = ", ".join(f"{n} {status}" for status, n in why.most_common(4))
+def _first_camera(
+    width_px: int, height_px: int, lens: str, hold: tuple[str, ...], fixed: tuple[str, ...]
+) -> tuple[Interior, np.ndarray]:
+    """A pinhole in the middle of the image, focal length 1, and which of its parameters are unknown."""
+    middle = [(width_px - 1) / 2, (height_px - 1) / 2]
+    interior = Interior(width_px, height_px, np.array([1.0, 1.0, *middle, *PINHOLE_LIKE[lens]]), lens)
+    unknown = sorted(set(hold) - set(interior.names[4:]))
+    if unknown:
         raise TestfieldError(
-            f"no image shows {LEAST_MARKS} identified marks of a board ({seen})", "observations.parquet",
-            "look at the frames: are the targets sharp, bright and large enough?",
-        )  # fmt: skip
-    station, board, weight, homography, marks = zip(*found, strict=True)
-    return _Edges(*(np.array(v) for v in (station, board, weight, homography, marks))), gross
+            f"the lens model '{lens}' has no coefficient '{unknown[0]}'",
+            "measure.hold",
+            f"its are {', '.join(interior.names[4:])}",
+        )
+    zero = np.array([name in hold for name in interior.names])
+    interior = interior.with_parameters(np.where(zero, 0.0, interior.parameters))
+    return interior, ~zero & np.array([name not in fixed for name in interior.names])
+
+
+@dataclass(frozen=True)
+class _Placed:
+    """Boards and stations in use, by their numbers on the sheet and in the observations, the datum board first, and
+    poses of all, those in use being right."""
+
+    boards: np.ndarray
+    stations: np.ndarray
+    board_poses: Poses
+    station_poses: Poses
+
+
+def _placed(
+    edges: Edges,
+    camera_from_board: Poses,
+    rows: Observations,
+    field: Field,
+    given: bool,
+    told: set[int],
+    notes: list[str],
+) -> _Placed:
+    stations, boards = len(rows.stations), len(field.boards)
+    apart = groups_apart(edges.station, edges.board, stations, boards)
+    if given:
+        known = np.array([b == 0 or sheet.pose is not None for b, sheet in enumerate(field.boards)])
+        station_poses, board_poses, has_station, has_board = given_poses(
+            edges.station, edges.board, edges.weight, camera_from_board, _certified(field), known, stations
+        )
+        # The first board is the datum, whether it was seen or not; of the others only those that were seen count.
+        has_board &= np.isin(np.arange(boards), [0, *edges.board[has_station[edges.station]]])
+        order = np.arange(boards)
+    else:
+        first = min(apart[0][1])
+        order = np.argsort(np.arange(boards) != first, kind="stable")  # the datum board comes first
+        place = np.argsort(order)
+        station_poses, ordered, has_station, has_order = spanning_poses(
+            edges.station, place[edges.board], edges.weight, camera_from_board, stations, boards
+        )
+        board_poses, has_board = ordered[place], has_order[place]
+    joined = order[has_board[order]]
+    _note_left_out(apart, has_station, has_board, rows, field, told, notes)
+    return _Placed(joined, np.flatnonzero(has_station), board_poses, station_poses)
+
+
+def _note_left_out(
+    apart: list[tuple[list, list]], has_station: np.ndarray, has_board: np.ndarray, rows: Observations, field: Field,
+    told: set[int], notes: list[str],
+) -> None:  # fmt: skip
+    """Which groups, boards and stations are not joined to the datum; boards in `told` have had their word."""
+    for stations, boards in apart:
+        if not has_board[boards].any() or not has_station[stations].any():
+            which = ", ".join(f"'{field.boards[b].name}'" for b in boards)
+            by = ", ".join(f"'{rows.stations[s]}'" for s in stations)
+            notes.append(
+                f"board{'s' if len(boards) > 1 else ''} {which}, seen by {by}, "
+                f"share{'' if len(boards) > 1 else 's'} no image with the others: this group is left out"
+            )
+    told_boards = told | {b for _, boards in apart for b in boards}
+    told_stations = {s for stations, _ in apart for s in stations}
+    notes += [
+        f"board '{field.boards[b].name}' is seen by no station well enough and is left out"
+        for b in np.flatnonzero(~has_board)
+        if b not in told_boards
+    ]
+    notes += [
+        f"station '{rows.stations[s]}' shows too little of any joined board and is left out"
+        for s in np.flatnonzero(~has_station)
+        if s not in told_stations
+    ]
+
+
+def _certified(field: Field) -> Poses:
+    """The sheet's poses of all boards in the frame of its first; the identity where it gives none."""
+    poses = Poses.identity(len(field.boards))
+    for b, sheet in enumerate(field.boards[1:], 1):
+        if sheet.pose is not None:
+            poses.R[b], poses.t_mm[b] = rotation(np.array(sheet.pose.turn_rad)), sheet.pose.t_mm
+    return poses
+
+
+def _known_boards(field: Field, boards: np.ndarray) -> KnownBoards:
+    u = np.full((len(boards), 6), np.inf)
+    for k, b in enumerate(boards):
+        pose = field.boards[b].pose
+        if pose is not None:
+            u[k] = [pose.u_turn_rad] * 3 + [max(pose.u_mm, EXACT_MM)] * 3
+    return KnownBoards(_certified(field)[boards], u)
 
 
 @dataclass(frozen=True)
@@ -173,44 +261,54 @@ class _BoardPoints:
     radius: np.ndarray
 
 
-def _board_points(field: Field, boards: np.ndarray) -> _BoardPoints:
+def _board_points(field: Field, boards: np.ndarray, larger: dict[int, float]) -> _BoardPoints:
     sheets = [field.boards[b] for b in boards]
     sizes = [len(sheet.marks) for sheet in sheets]
+    radius = [
+        np.zeros(len(s.marks)) if s.has_corners else s.marks.diameter_mm / 2 * larger.get(int(b), 1.0)
+        for b, s in zip(boards, sheets, strict=True)
+    ]
     return _BoardPoints(
         np.concatenate([[0], np.cumsum(sizes)]),
         np.vstack([np.column_stack([s.marks.xy_mm, np.zeros(len(s.marks))]) for s in sheets]),
         np.vstack([np.tile([s.u_xy_mm, s.u_xy_mm, s.u_z_mm], (len(s.marks), 1)) for s in sheets]),
         np.repeat(np.arange(len(sheets)), sizes),
-        np.concatenate([np.zeros(len(s.marks)) if s.has_corners else s.marks.diameter_mm / 2 for s in sheets]),
+        np.concatenate(radius),
     )
 
 
 @dataclass(frozen=True)
 class _Bars:
-    """Control bars: observations of each end by its point number, the distances, radii of the ends."""
+    """Control bars: observations of each end by its point number, names, the distances, radii of the ends."""
 
     seen: dict[int, np.ndarray]
+    names: tuple[str, ...]
     distances: Distances
     radius: np.ndarray
 
 
 def _control_bars(rows: Observations, field: Field, usable: np.ndarray, first: int, notes: list[str]) -> _Bars:
     seen: dict[int, np.ndarray] = {}
-    ends, lengths, u_lengths, radius = [], [], [], []
+    ends, names, lengths, u_lengths, radius = [], [], [], [], []
     for bar in field.scale_bars:
         if bar.role != "control":
             continue
         here = [np.flatnonzero(usable & (rows.code == code) & (rows.board < 0)) for code in bar.codes]
         if min(len(v) for v in here) < 2:
-            notes.append(f"control bar '{bar.name}' is not seen twice at both ends and is left out")
+            said = " and ".join(
+                f"code {code} in {len(v)} image{'' if len(v) == 1 else 's'}"
+                for code, v in zip(bar.codes, here, strict=True)
+            )
+            notes.append(f"control bar '{bar.name}' is not seen twice at both ends ({said}) and is left out")
             continue
         numbers = [first + len(seen), first + len(seen) + 1]
         seen |= dict(zip(numbers, here, strict=True))
         ends.append(numbers)
+        names.append(bar.name)
         lengths.append(bar.length_mm)
         u_lengths.append(bar.u_length_mm)
         radius += [field.loose[code] / 2 for code in bar.codes]
     if not ends:
         notes.append("no control bar: the scale is that of the boards' sheets")
     distances = Distances(np.array(ends, int).reshape(-1, 2), np.array(lengths, float), np.array(u_lengths, float))
-    return _Bars(seen, distances, np.array(radius, float))
+    return _Bars(seen, tuple(names), distances, np.array(radius, float))

@@ -104,6 +104,20 @@ def _brown_reach(c: np.ndarray) -> float:
     return float(np.sqrt(_smallest_positive_root(Polynomial([1, 3 * c[0], 5 * c[1], 7 * c[2]]))))
 
 
+# ------------------------------------------------------------------ Brown with the sensor's axes out of square
+def _brown_shear(x: Any, y: Any, c: Any, m: Any) -> tuple[Any, Any, Any, Any, Any, Any]:
+    k1, k2, k3, p1, p2, shear = c
+    xd, yd, xx, xy, yx, yy = _brown(x, y, (k1, k2, k3, p1, p2), m)
+    return xd + shear * yd, yd, xx + shear * yx, xy + shear * yy, yx, yy
+
+
+def _brown_shear_by_coefficients(xy: np.ndarray, c: np.ndarray) -> np.ndarray:
+    plain = _brown_by_coefficients(xy, c[:5])
+    yd = _brown(xy[..., 0], xy[..., 1], c[:5], _NumPy)[1]
+    by_shear = np.stack([yd, np.zeros_like(yd)], axis=-1)[..., None]
+    return np.concatenate([plain + c[5] * plain[..., [1], :] * np.array([[1.0], [0.0]]), by_shear], axis=-1)
+
+
 # ------------------------------------------------------------------ OpenCV's rational and thin-prism model
 def _rational(x: Any, y: Any, c: Any, m: Any) -> tuple[Any, Any, Any, Any, Any, Any]:
     k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4 = c
@@ -187,6 +201,9 @@ def _fisheye_start(x: Any, y: Any, m: Any) -> tuple[Any, Any]:
 
 MODELS = {
     "brown": LensModel(("k1", "k2", "k3", "p1", "p2"), _brown, _brown_by_coefficients, _brown_reach),
+    "brown_shear": LensModel(
+        ("k1", "k2", "k3", "p1", "p2", "shear"), _brown_shear, _brown_shear_by_coefficients, _brown_reach
+    ),
     "rational": LensModel(
         ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4"),
         _rational,

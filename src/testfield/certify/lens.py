@@ -11,6 +11,7 @@ _CENTRE = [2041.0, 1507.0]
 LENSES = {
     "brown, weak": ("brown", [8000, 8001, *_CENTRE, -0.08, 0.1, 0, 2e-4, -1e-4]),
     "brown, strong": ("brown", [2400, 2403, *_CENTRE, -0.2, 0.09, -0.02, 1e-3, -8e-4]),
+    "brown_shear": ("brown_shear", [2400, 2403, *_CENTRE, -0.2, 0.09, -0.02, 1e-3, -8e-4, 3e-3]),
     "rational": (
         "rational",
         [2600, 2610, *_CENTRE, -0.31, 0.08, 4e-4, -3e-4, 4e-3, -0.02, 0.01, 2e-3, 1e-3, -2e-4, -8e-4, 1e-4],
@@ -19,6 +20,7 @@ LENSES = {
 }  # fmt: skip
 FOLDING = {
     "brown": [-0.5, 0, 0, 0, 0],
+    "brown_shear": [-0.5, 0, 0, 0, 0, 0.01],
     "rational": [0, 0, 0, 0, 0, -0.25, 0, 0, 0, 0, 0, 0],
     "fisheye": [-0.3, 0, 0, 0],
 }

@@ -139,9 +139,10 @@ class CameraPart(_Part):
     focal_length_mm: float = Field(12.0, gt=1, lt=2000, description="Principal distance.")
     aspect: float = Field(1.0, gt=0.5, lt=2, description="fy / fx.")
     principal_point_offset_px: Pair = Field((0, 0), description="Principal point minus the image's middle, x and y.")
-    lens: Literal["brown", "rational", "fisheye"] = Field(
+    lens: Literal["brown", "brown_shear", "rational", "fisheye"] = Field(
         "brown",
-        description="brown (k1 k2 k3 p1 p2), rational (OpenCV's 12 coefficients), fisheye (Kannala-Brandt k1-k4).",
+        description="brown (k1 k2 k3 p1 p2), brown_shear (the same with the sensor's axes out of square), rational "
+        "(OpenCV's 12 coefficients), fisheye (Kannala-Brandt k1-k4).",
     )
     k1: float = Field(0, description="First radial coefficient, OpenCV's normalised convention.")
     k2: float = Field(0, description="Second radial coefficient.")
@@ -149,8 +150,9 @@ class CameraPart(_Part):
     k4: float = Field(0, description="Fourth radial coefficient (rational: of the denominator).")
     k5: float = Field(0, description="Second of the denominator (rational).")
     k6: float = Field(0, description="Third of the denominator (rational).")
-    p1: float = Field(0, description="First decentring coefficient (brown, rational).")
-    p2: float = Field(0, description="Second decentring coefficient (brown, rational).")
+    p1: float = Field(0, description="First decentring coefficient (brown, brown_shear, rational).")
+    p2: float = Field(0, description="Second decentring coefficient (brown, brown_shear, rational).")
+    shear: float = Field(0, description="By how much x grows with y, both displaced and normalised (brown_shear).")
     s1: float = Field(0, description="Thin prism in x (rational).")
     s2: float = Field(0, description="Thin prism in x, higher order (rational).")
     s3: float = Field(0, description="Thin prism in y (rational).")
@@ -759,7 +761,7 @@ class MeasurePart(_Part):
 
     centroid: str = Field("forward_model", description="Centroid estimator.")
     calibrator: str = Field("stitched", description="Calibration method.")
-    lens: Literal["brown", "rational", "fisheye"] | None = Field(
+    lens: Literal["brown", "brown_shear", "rational", "fisheye"] | None = Field(
         None, description="Lens model to calibrate; absent, that of the camera."
     )
     hold: tuple[str, ...] = Field((), description="Parameters of the calibrated lens that are held at zero, as k5.")

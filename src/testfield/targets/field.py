@@ -12,12 +12,24 @@ from testfield.targets.marks import RADII, USUAL, Marks, RingRadii
 
 
 @dataclass(frozen=True)
+class CertifiedPose:
+    """Where a board is in the frame of the sheet's first board: `x_first = R @ x_board + t_mm`, R from the rotation
+    vector `turn_rad`; `u_turn_rad`, `u_mm` the standard uncertainties of each small turn and each shift."""
+
+    turn_rad: tuple[float, float, float]
+    t_mm: tuple[float, float, float]
+    u_turn_rad: float
+    u_mm: float
+
+
+@dataclass(frozen=True)
 class NominalBoard:
     """A sub-board as certified: its marks in its own frame, and how well they are known.
 
     `u_xy_mm` is the standard uncertainty of each mark's x and y, `u_z_mm` of its height (flatness). `pattern` is what
     the board shows where that is not ring codes with plain dots; `size_mm` its width and height, needed with `pattern`.
     The marks are then the pattern's points, a corner's diameter that of the circle in which nothing else is printed.
+    `pose` is given where somebody has measured where the board is.
     """
 
     name: str
@@ -26,6 +38,7 @@ class NominalBoard:
     u_z_mm: float
     pattern: BoardPattern | None = None
     size_mm: tuple[float, float] | None = None
+    pose: CertifiedPose | None = None
 
     @property
     def has_corners(self) -> bool:
@@ -45,6 +58,17 @@ class ScaleBar:
 
 
 @dataclass(frozen=True)
+class Wand:
+    """Three or more coded targets on a line, `codes` at `at_mm` from the first, which stays in one place while the wand
+    turns about it; `u_mm` is each distance's standard uncertainty."""
+
+    name: str
+    codes: tuple[int, ...]
+    at_mm: tuple[float, ...]
+    u_mm: float = 0.0
+
+
+@dataclass(frozen=True)
 class Field:
     """The field sheet.
 
@@ -60,6 +84,7 @@ class Field:
     white_on_black: bool = True
     u_scale: float = 0.0
     code_radii: str = USUAL
+    wands: tuple[Wand, ...] = ()
 
     @property
     def radii(self) -> RingRadii:
@@ -78,6 +103,7 @@ class Field:
                 "diameter_mm": b.marks.diameter_mm.tolist(),
                 "code": b.marks.code.tolist(),
                 **({"pattern": asdict(b.pattern), "size_mm": b.size_mm} if b.pattern else {}),
+                **({"pose": asdict(b.pose)} if b.pose else {}),
             }
             for b in self.boards
         ]
@@ -90,6 +116,7 @@ class Field:
             "boards": boards,
             "scale_bars": bars,
             "loose_diameter_mm": {str(code): d for code, d in self.loose.items()},
+            **({"wands": [asdict(wand) for wand in self.wands]} if self.wands else {}),
         }
         path.write_text(json.dumps(sheet, indent=1))
 
@@ -111,6 +138,7 @@ class Field:
                 b["u_z_mm"],
                 BoardPattern(**b["pattern"]) if "pattern" in b else None,
                 (b["size_mm"][0], b["size_mm"][1]) if "size_mm" in b else None,
+                _pose(b["pose"]) if "pose" in b else None,
             )
             for b in sheet["boards"]
         )
@@ -122,4 +150,14 @@ class Field:
         if radii not in RADII:
             raise ValueError(f"code_radii '{radii}' is none of {', '.join(RADII)}")
         loose = {int(code): d for code, d in sheet["loose_diameter_mm"].items()}
-        return Field(sheet["bits"], boards, bars, loose, sheet["white_on_black"], sheet["u_scale"], radii)
+        wands = tuple(
+            Wand(w["name"], tuple(w["codes"]), tuple(w["at_mm"]), w.get("u_mm", 0.0)) for w in sheet.get("wands", ())
+        )
+        return Field(sheet["bits"], boards, bars, loose, sheet["white_on_black"], sheet["u_scale"], radii, wands)
+
+
+def _pose(data: dict) -> CertifiedPose:
+    turn, t = (tuple(float(v) for v in data[key]) for key in ("turn_rad", "t_mm"))
+    if len(turn) != 3 or len(t) != 3:
+        raise ValueError("a board's pose needs three numbers in turn_rad and in t_mm")
+    return CertifiedPose(turn, t, float(data["u_turn_rad"]), float(data["u_mm"]))

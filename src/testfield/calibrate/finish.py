@@ -1,0 +1,58 @@
+"""From an adjustment to the calibration that is handed on, with everything a reader should doubt."""
+
+import numpy as np
+
+from testfield.adjust.bundle import Adjustment
+from testfield.adjust.weakness import weak_unknowns
+from testfield.calibrate.calibration import Calibration
+from testfield.calibrate.doubts import geometric_doubts
+from testfield.calibrate.quality import board_quality, joints, residual_test
+from testfield.calibrate.rows import rejection
+from testfield.calibrate.settle import Settled
+from testfield.calibrate.start import Start
+from testfield.detect.observations import Observations
+from testfield.targets.field import Field
+
+
+def finished(
+    method: str,
+    found: Settled,
+    start: Start,
+    rows: Observations,
+    field: Field,
+    turned_down: list[dict],
+    notes: list[str],
+) -> Calibration:
+    """The calibration of a settled start; `turned_down` and `notes` are what was said before it."""
+    adjustment, network = found.adjustment, found.adjustment.network
+    labels = network.labels(start.stations, start.boards)
+    index = np.arange(len(labels) - 3 * len(network.kept_points))
+    covariance, names = adjustment.covariance[np.ix_(index, index)], tuple(labels[: len(index)])
+    edges, test = joints(adjustment, start.stations, start.boards), residual_test(adjustment)
+    misread = [rejection(rows, field, k, None, "misread: far from its board's homography") for k in start.gross]
+    return Calibration(
+        method, network.interior, start.stations, network.stations, start.boards, network.boards, network.scale,
+        covariance, names, adjustment.sigma0, adjustment.freedom,
+        float(np.sqrt((adjustment.residual_px**2).sum(axis=1).mean())), len(network.xy_px),
+        tuple(turned_down + misread + found.rejected), network.xy_px, adjustment.residual_px, start.graph,
+        tuple(notes + start.notes + found.notes + doubts_of(adjustment, start, covariance, names, test)),
+        joints=edges, board_quality=board_quality(covariance, names, start.boards, edges), test=test,
+    )  # fmt: skip
+
+
+def doubts_of(
+    adjustment: Adjustment, start: Start, covariance: np.ndarray, labels: tuple[str, ...], test: dict
+) -> list[str]:
+    """Sentences on weak unknowns with the geometry to blame, on observations without control, on a failed test."""
+    notes = geometric_doubts(adjustment.network, start.stations, start.boards)
+    notes += weak_unknowns(covariance, list(labels))
+    if test["uncontrolled"]:
+        notes.append(
+            f"{test['uncontrolled']} observation(s) are controlled by no other: their errors would show in no residual"
+        )
+    if np.isfinite(test["variance"]) and test["variance"] > test["high"]:
+        notes.append(
+            f"the residuals are larger than claimed: variance factor {test['variance']:.3g}, of true claims at most "
+            f"{test['high']:.3g} in 97.5 cases of 100 ({test['freedom']} degrees of freedom)"
+        )
+    return notes

@@ -1,0 +1,134 @@
+"""OpenCV's calibration as an opponent: every board in every image is a view of its own."""
+
+import cv2
+import numpy as np
+
+from testfield.calibrate.calibration import Calibration
+from testfield.calibrate.edges import Edges, board_edges
+from testfield.calibrate.homography import focal_length
+from testfield.calibrate.rows import best_board, on_one_board, rejection, usable_rows
+from testfield.calibrate.views import from_views
+from testfield.camera.interior import Interior, parameter_names
+from testfield.camera.pose import Poses
+from testfield.detect.observations import Observations
+from testfield.errors import TestfieldError
+from testfield.registry import register
+from testfield.targets.field import Field
+
+CRITERIA = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 1000, 1e-15)
+LEAST_VIEWS = 2
+ORDER = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4")
+"""OpenCV's coefficients in its order."""
+NEEDED = {"brown": 5, "rational": 12}
+
+
+@register("calibrators", "opencv")
+def opencv(
+    observations: Observations,
+    field: Field,
+    width_px: int,
+    height_px: int,
+    lens: str = "brown",
+    hold: tuple[str, ...] = (),
+    board: str | None = None,
+) -> Calibration:
+    """`cv2.calibrateCamera` (`cv2.fisheye.calibrate` for a fisheye) on all boards, or on the one called `board`.
+
+    OpenCV takes each board in each image as a view with a pose of its own, all marks as exact and all pixels as equally
+    good, and centres of discs as projections of centres. Stations and boards are its poses chained along the strongest
+    tree. Raises `TestfieldError` for fewer than two views, and for a lens that OpenCV does not have.
+    """
+    rows, turned_down, notes = usable_rows(observations, field)
+    if board is not None:
+        rows, field = on_one_board(rows, field, best_board(rows, field, board))
+    edges, gross = board_edges(rows, field)
+    turned_down += [
+        rejection(rows, field, k, None, "misread: far from its board's homography") for k in np.flatnonzero(gross)
+    ]
+    if len(edges) < LEAST_VIEWS:
+        raise TestfieldError("OpenCV needs two views of boards, and there is one", do="add stations")
+    objects, images = views_of(edges, rows, field)
+    start, free = first_guess(edges, width_px, height_px, lens, hold)
+    if lens == "fisheye":
+        interior, poses = _fisheye(objects, images, start, free)
+    else:
+        found = cv2.calibrateCamera(
+            objects, images, (width_px, height_px), start.matrix, np.zeros(NEEDED[lens]),
+            flags=flags_of(lens, hold) | cv2.CALIB_USE_INTRINSIC_GUESS, criteria=CRITERIA,
+        )  # fmt: skip
+        interior, poses = camera_of(start, found[1], found[2]), poses_of(found[3], found[4])
+    return from_views("opencv", interior, free, poses, edges, rows, field, turned_down, notes)
+
+
+def views_of(edges: Edges, rows: Observations, field: Field) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Object points (k, 3) and pixels (k, 2) of every edge, in single precision: OpenCV takes no other."""
+    objects, images = [], []
+    for e, here in enumerate(edges.rows):
+        xy = field.boards[edges.board[e]].marks.xy_mm[rows.point[here]]
+        objects.append(np.column_stack([xy, np.zeros(len(xy))]).astype(np.float32))
+        images.append(rows.xy_px[here].astype(np.float32))
+    return objects, images
+
+
+def first_guess(
+    edges: Edges, width_px: int, height_px: int, lens: str, hold: tuple[str, ...]
+) -> tuple[Interior, np.ndarray]:
+    """A camera with the homographies' focal length, and which parameters are to be estimated."""
+    if lens not in (*NEEDED, "fisheye"):
+        raise TestfieldError(f"OpenCV has no lens '{lens}'", "measure.lens", "choose brown, rational or fisheye")
+    names = parameter_names(lens)
+    strange = sorted(set(hold) - set(names[4:]))
+    if strange:
+        raise TestfieldError(f"the lens model '{lens}' has no coefficient '{strange[0]}'", "measure.hold",
+                             f"its are {', '.join(names[4:])}")  # fmt: skip
+    middle = np.array([(width_px - 1) / 2, (height_px - 1) / 2])
+    focal = focal_length(edges.homography, middle)
+    values = np.array([focal, focal, *middle, *[0.0] * (len(names) - 4)])
+    return Interior(width_px, height_px, values, lens), np.array([name not in hold for name in names])
+
+
+def flags_of(lens: str, hold: tuple[str, ...]) -> int:
+    """OpenCV's flags that estimate a lens with the coefficients in `hold` at zero."""
+    flags = cv2.CALIB_RATIONAL_MODEL | cv2.CALIB_THIN_PRISM_MODEL if lens == "rational" else 0
+    for name in hold:
+        if name.startswith("k"):
+            flags |= getattr(cv2, f"CALIB_FIX_{name.upper()}")
+    for group, flag in (
+        (("p1", "p2"), cv2.CALIB_ZERO_TANGENT_DIST),
+        (("s1", "s2", "s3", "s4"), cv2.CALIB_FIX_S1_S2_S3_S4),
+    ):
+        held = set(group) & set(hold)
+        if held and held != set(group):
+            raise TestfieldError(f"OpenCV holds {', '.join(group)} only together", "measure.hold", "name all or none")
+        flags |= flag if held else 0
+    return flags
+
+
+def camera_of(start: Interior, matrix: np.ndarray, coefficients: np.ndarray) -> Interior:
+    """The camera of OpenCV's matrix and coefficients."""
+    given = dict(zip(ORDER, np.ravel(coefficients), strict=False))
+    pinhole = [matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]]
+    return start.with_parameters(np.array(pinhole + [given[name] for name in start.names[4:]], float))
+
+
+def poses_of(turns: list[np.ndarray], shifts: list[np.ndarray]) -> Poses:
+    """Poses of OpenCV's rotation vectors and translations."""
+    return Poses(np.array([cv2.Rodrigues(v)[0] for v in turns]), np.array([np.ravel(t) for t in shifts], float))
+
+
+def _fisheye(
+    objects: list[np.ndarray], images: list[np.ndarray], start: Interior, free: np.ndarray
+) -> tuple[Interior, Poses]:
+    flags = cv2.CALIB_USE_INTRINSIC_GUESS | cv2.CALIB_RECOMPUTE_EXTRINSIC | cv2.CALIB_FIX_SKEW
+    for k, name in enumerate(start.names[4:], 4):
+        flags |= 0 if free[k] else getattr(cv2, f"CALIB_FIX_{name.upper()}")
+    try:
+        found = cv2.fisheye.calibrate(
+            [o[None].astype(float) for o in objects], [i[None].astype(float) for i in images],
+            (start.width_px, start.height_px), start.matrix, np.zeros((4, 1)), flags=flags, criteria=CRITERIA,
+        )  # fmt: skip
+    except cv2.error as error:
+        raise TestfieldError(f"OpenCV's fisheye calibration failed ({' '.join(str(error).split())[:120]})") from error
+    _, matrix, coefficients, turns, shifts = found
+    pinhole = [matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]]
+    return start.with_parameters(np.array([*pinhole, *np.ravel(coefficients)], float)), poses_of(turns, shifts)
