@@ -1,5 +1,7 @@
 """OpenCV's calibration as an opponent: every board in every image is a view of its own."""
 
+from collections.abc import Sequence
+
 import cv2
 import numpy as np
 
@@ -43,7 +45,8 @@ def opencv(
         rows, field = on_one_board(rows, field, best_board(rows, field, board))
     edges, gross = board_edges(rows, field)
     turned_down += [
-        rejection(rows, field, k, None, "misread: far from its board's homography") for k in np.flatnonzero(gross)
+        rejection(rows, field, k, None, "misread: far from its board's homography")
+        for k in np.flatnonzero(gross).tolist()
     ]
     if len(edges) < LEAST_VIEWS:
         raise TestfieldError("OpenCV needs two views of boards, and there is one", do="add stations")
@@ -111,7 +114,7 @@ def camera_of(start: Interior, matrix: np.ndarray, coefficients: np.ndarray) -> 
     return start.with_parameters(np.array(pinhole + [given[name] for name in start.names[4:]], float))
 
 
-def poses_of(turns: list[np.ndarray], shifts: list[np.ndarray]) -> Poses:
+def poses_of(turns: Sequence, shifts: Sequence) -> Poses:
     """Poses of OpenCV's rotation vectors and translations."""
     return Poses(np.array([cv2.Rodrigues(v)[0] for v in turns]), np.array([np.ravel(t) for t in shifts], float))
 
