@@ -163,7 +163,7 @@ def test_exact_observations_give_the_truth(case: str) -> None:
     found = calibrated(method, seen(camera), field, lens, hold=hold)
     assert found.method == method
     assert np.abs(errors(found, camera)).max() < limit, found.notes
-    assert found.reprojection_rms_px < (1e-3 if method == "opencv_ro" else 1e-4)
+    assert found.reprojection_rms_px < 1e-4
     assert len(found.labels) == len(found.covariance)
     assert (np.linalg.eigvalsh(found.covariance) > 0).all()
 

@@ -22,6 +22,8 @@ LEAST_VIEWS = 2
 ORDER = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4")
 """OpenCV's coefficients in its order."""
 NEEDED = {"brown": 5, "rational": 12}
+OTHER_MODELS = cv2.CALIB_FIX_K4 | cv2.CALIB_FIX_K5 | cv2.CALIB_FIX_K6 | cv2.CALIB_FIX_S1_S2_S3_S4
+"""Held by name: OpenCV 5's calibration with a released object estimates the sensor's tilt, asked for or not."""
 
 
 @register("calibrators", "opencv")
@@ -92,7 +94,8 @@ def first_guess(
 
 def flags_of(lens: str, hold: tuple[str, ...]) -> int:
     """OpenCV's flags that estimate a lens with the coefficients in `hold` at zero."""
-    flags = cv2.CALIB_RATIONAL_MODEL | cv2.CALIB_THIN_PRISM_MODEL if lens == "rational" else 0
+    flags = cv2.CALIB_RATIONAL_MODEL | cv2.CALIB_THIN_PRISM_MODEL if lens == "rational" else OTHER_MODELS
+    flags |= cv2.CALIB_FIX_TAUX_TAUY
     for name in hold:
         if name.startswith("k"):
             flags |= getattr(cv2, f"CALIB_FIX_{name.upper()}")
