@@ -79,6 +79,14 @@ CASES = {
         ("[render]", '[measure]\nhold = ["k9"]\n\n[render]'),
         ["measure.hold", "k9"],
     ),
+    "calibrating with a board that is not there": (
+        ("[render]", '[measure]\ncalibrator = "zhang"\nboard = "Z"\n\n[render]'),
+        ["measure.board", "'Z'", "A, B, C"],
+    ),
+    "one board for a calibrator of all": (
+        ("[render]", '[measure]\nboard = "B"\n\n[render]'),
+        ["measure.board", "'stitched'", "zhang"],
+    ),
     "diffraction finer than cells": (
         ("f_number = 5.6", "f_number = 1.4\ndiffraction = true"),
         ["camera.diffraction", "0.16 px"],

@@ -51,7 +51,7 @@ class Calibration:
     def index(self, names: list[str]) -> np.ndarray:
         """Places of the named unknowns in the covariance."""
         place = {label: k for k, label in enumerate(self.labels)}
-        return np.array([place[name] for name in names])
+        return np.array([place[name] for name in names], int)
 
     def station_unknowns(self, station: int) -> list[str]:
         """Names of a station's six unknowns."""

@@ -72,4 +72,4 @@ def board_edges(rows: Observations, field: Field) -> tuple[Edges, np.ndarray]:
             "look at the frames: are the targets sharp, bright and large enough?",
         )  # fmt: skip
     station, board, weight, homography, members = zip(*found, strict=True)
-    return Edges(*(np.array(v) for v in (station, board, weight, homography)), members), gross  # type: ignore[arg-type]
+    return Edges(np.array(station), np.array(board), np.array(weight), np.array(homography), tuple(members)), gross

@@ -55,4 +55,9 @@ def doubts_of(
             f"the residuals are larger than claimed: variance factor {test['variance']:.3g}, of true claims at most "
             f"{test['high']:.3g} in 97.5 cases of 100 ({test['freedom']} degrees of freedom)"
         )
+    if test["passed"] and test["contradict"] > test["contradict_at_most"]:
+        notes.append(
+            f"{test['contradict']} observations contradict the others at the level at which "
+            f"{test['contradict_at_most']} good ones may: look for misread marks and covered targets"
+        )
     return notes

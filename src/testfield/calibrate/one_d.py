@@ -176,9 +176,9 @@ class _Model:
         first = p + 3 + k - 1
         for i in range(v):
             A[i, :, :, first + 2 * i : first + 2 * i + 2] = self.at_mm[:, None, None] * (by_point[i] @ square[i])
-        A = (self.whitening @ A).reshape(2 * v * k, -1)
+        rows = (self.whitening @ A).reshape(2 * v * k, -1)
         residual = np.einsum("vkij,vkj->vki", self.whitening, self.xy_px - uv.reshape(v, k, 2)).ravel()
-        normal, right = A.T @ A, A.T @ residual
+        normal, right = rows.T @ rows, rows.T @ residual
         known = np.arange(p + 3, first)
         gap = (known_mm - self.at_mm)[1:]
         normal[known, known] += 1 / self.u_mm**2

@@ -1,5 +1,7 @@
 """OpenCV's calibration as an opponent: every board in every image is a view of its own."""
 
+from collections.abc import Sequence
+
 import cv2
 import numpy as np
 
@@ -20,6 +22,8 @@ LEAST_VIEWS = 2
 ORDER = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4")
 """OpenCV's coefficients in its order."""
 NEEDED = {"brown": 5, "rational": 12}
+OTHER_MODELS = cv2.CALIB_FIX_K4 | cv2.CALIB_FIX_K5 | cv2.CALIB_FIX_K6 | cv2.CALIB_FIX_S1_S2_S3_S4
+"""Held by name: OpenCV 5's calibration with a released object estimates the sensor's tilt, asked for or not."""
 
 
 @register("calibrators", "opencv")
@@ -43,7 +47,8 @@ def opencv(
         rows, field = on_one_board(rows, field, best_board(rows, field, board))
     edges, gross = board_edges(rows, field)
     turned_down += [
-        rejection(rows, field, k, None, "misread: far from its board's homography") for k in np.flatnonzero(gross)
+        rejection(rows, field, k, None, "misread: far from its board's homography")
+        for k in np.flatnonzero(gross).tolist()
     ]
     if len(edges) < LEAST_VIEWS:
         raise TestfieldError("OpenCV needs two views of boards, and there is one", do="add stations")
@@ -89,7 +94,8 @@ def first_guess(
 
 def flags_of(lens: str, hold: tuple[str, ...]) -> int:
     """OpenCV's flags that estimate a lens with the coefficients in `hold` at zero."""
-    flags = cv2.CALIB_RATIONAL_MODEL | cv2.CALIB_THIN_PRISM_MODEL if lens == "rational" else 0
+    flags = cv2.CALIB_RATIONAL_MODEL | cv2.CALIB_THIN_PRISM_MODEL if lens == "rational" else OTHER_MODELS
+    flags |= cv2.CALIB_FIX_TAUX_TAUY
     for name in hold:
         if name.startswith("k"):
             flags |= getattr(cv2, f"CALIB_FIX_{name.upper()}")
@@ -111,7 +117,7 @@ def camera_of(start: Interior, matrix: np.ndarray, coefficients: np.ndarray) -> 
     return start.with_parameters(np.array(pinhole + [given[name] for name in start.names[4:]], float))
 
 
-def poses_of(turns: list[np.ndarray], shifts: list[np.ndarray]) -> Poses:
+def poses_of(turns: Sequence, shifts: Sequence) -> Poses:
     """Poses of OpenCV's rotation vectors and translations."""
     return Poses(np.array([cv2.Rodrigues(v)[0] for v in turns]), np.array([np.ravel(t) for t in shifts], float))
 

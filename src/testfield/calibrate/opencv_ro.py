@@ -45,7 +45,8 @@ def opencv_ro(
     sheet = field.boards[0]
     edges, gross = board_edges(rows, field)
     turned_down += [
-        rejection(rows, field, k, None, "misread: far from its board's homography") for k in np.flatnonzero(gross)
+        rejection(rows, field, k, None, "misread: far from its board's homography")
+        for k in np.flatnonzero(gross).tolist()
     ]
     chosen, points = _common(edges, rows)
     edges = edges.take(chosen)

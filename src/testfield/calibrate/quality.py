@@ -3,9 +3,11 @@
 from collections import deque
 
 import numpy as np
+from scipy.stats import binom
+from scipy.stats import chi2 as chi_squared
 
 from testfield.adjust.bundle import Adjustment
-from testfield.adjust.reliability import global_test, reliability
+from testfield.adjust.reliability import SIGNIFICANCE, global_test, reliability
 
 
 def joints(adjustment: Adjustment, stations: tuple[str, ...], boards: tuple[str, ...]) -> tuple[dict, ...]:
@@ -49,12 +51,15 @@ def board_quality(
 
 
 def residual_test(adjustment: Adjustment) -> dict:
-    """The global test, and how well the observations control each other."""
+    """The global test; how many observations `contradict` all others at the level at which 0.1 % of good ones do, and `contradict_at_most`
+    of good ones; how well they control each other."""
     test = global_test(adjustment)
     control = reliability(adjustment)
     worst = float(control.redundancy.min(initial=1.0))
+    contradict = int((control.test**2 > chi_squared.ppf(1 - SIGNIFICANCE, 2)).sum())
     return {
         "variance": test.variance, "low": test.low, "high": test.high, "freedom": test.freedom, "passed": test.passed,
+        "contradict": contradict, "contradict_at_most": int(binom.ppf(0.975, len(control.test), SIGNIFICANCE)),
         "least_redundancy": worst, "uncontrolled": int(control.uncontrolled.sum()),
         "detectable_px": float(np.median(control.detectable_px)),
     }  # fmt: skip

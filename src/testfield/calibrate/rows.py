@@ -31,7 +31,7 @@ def usable_rows(observations: Observations, field: Field) -> tuple[Observations,
         if f"{note}: all of them are rejected" not in notes:
             notes.append(f"{note}: all of them are rejected")
     bad_rows = doubtful | twice
-    records = [rejection(rows, field, k, None, "ambiguous") for k in np.flatnonzero(bad_rows)]
+    records = [rejection(rows, field, k, None, "ambiguous") for k in np.flatnonzero(bad_rows).tolist()]
     return rows.take(~bad_rows), records, notes
 
 

@@ -7,6 +7,7 @@ import shutil
 import sys
 from dataclasses import dataclass
 from functools import cached_property
+from inspect import signature
 from pathlib import Path
 
 from testfield import __version__
@@ -14,7 +15,7 @@ from testfield.camera.lens import MODELS
 from testfield.chain.code import PACKAGES, code_digest, package_version
 from testfield.chain.files import Ledger, digest, whole
 from testfield.errors import TestfieldError
-from testfield.registry import STAGES, names
+from testfield.registry import STAGES, find, names
 from testfield.scene import meshes, sky
 from testfield.scene.build import build_world
 from testfield.scene.check import check_scene
@@ -127,6 +128,22 @@ def check_algorithms(scene: SceneFile, source: str) -> None:
                 f"the lens that is calibrated has no coefficient '{name}'", f"{source}, measure.hold",
                 f"its coefficients are {', '.join(coefficients)}",
             )  # fmt: skip
+
+    _check_board(scene, source)
+
+
+def _check_board(scene: SceneFile, source: str) -> None:
+    """Raise `TestfieldError` where measure.board names no board, or the calibrator asks for none."""
+    board, method = scene.measure.board, scene.measure.calibrator
+    if board is None:
+        return
+    known = [part.name for part in scene.boards]
+    if board not in known:
+        raise TestfieldError(f"no board is called '{board}'", f"{source}, measure.board",
+                             f"choose one of {', '.join(known)}")  # fmt: skip
+    if "board" not in signature(find("calibrators", method)).parameters:
+        raise TestfieldError(f"the calibrator '{method}' takes no single board", f"{source}, measure.board",
+                             "leave it out, or choose zhang, opencv or opencv_ro")  # fmt: skip
 
 
 def field_key(field: Field) -> str:

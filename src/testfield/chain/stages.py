@@ -165,12 +165,14 @@ def calibrate(run: Run) -> Made:
     source = run.need("observations.parquet", "detect")
     camera, method = run.scene.camera, run.scene.measure.calibrator
     lens, hold = run.scene.measure.lens or camera.lens, run.scene.measure.hold
+    options = {"board": run.scene.measure.board} if run.scene.measure.board else {}
     code = code_digest(module_of("calibrators", method))
-    key = digest(code, file_digest(source), run.field, method, camera.width_px, camera.height_px, lens, hold)
+    key = digest(code, file_digest(source), run.field, method, camera.width_px, camera.height_px, lens, hold, options)
 
     def write(path: Path) -> None:
         observations = Observations.load(source)
-        find("calibrators", method)(observations, run.field, camera.width_px, camera.height_px, lens, hold).save(path)
+        size = (camera.width_px, camera.height_px)
+        find("calibrators", method)(observations, run.field, *size, lens, hold, **options).save(path)
 
     return int(run.ledger.make("calibration.json", key, write, [source])), 1
 

@@ -54,6 +54,8 @@ def write_report(world: World, views: Views, scene: SceneFile, folder: Path, not
         interior=_interior_rows(world, calibration, card),
         check=_check_rows(points),
         graph=_graph_rows(calibration),
+        board_quality=calibration.board_quality,
+        test=calibration.test,
         rejected=calibration.rejected,
         counts=_status_rows(observations),
         certificate=floor_of(folder),
@@ -119,10 +121,13 @@ def _check_rows(points: Any) -> list[tuple]:
 
 
 def _graph_rows(calibration: Calibration) -> list[tuple]:
-    """For each board: its name, and how many marks of it each station saw."""
-    seen = {(station, board): n for station, board, n in calibration.graph}
+    """For each board: its name, and of each station that saw it the joint's marks, residuals and redundancy."""
+    seen = {
+        (station, board): {"marks": n, "rms_px": None, "redundancy": None} for station, board, n in calibration.graph
+    }
+    seen |= {(joint["station"], joint["board"]): joint for joint in calibration.joints}
     return [
-        (board, [seen.get((station, board), 0) for station in calibration.station_names])
+        (board, [seen.get((station, board)) for station in calibration.station_names])
         for board in calibration.board_names
     ]
 

@@ -1,5 +1,6 @@
 """A scene becomes a world: generators run, errors of manufacture are drawn, everything gets its place."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -8,7 +9,7 @@ from testfield.camera.interior import Interior, parameter_names
 from testfield.camera.lens import MODELS
 from testfield.camera.motion import Motion, Twist
 from testfield.camera.optics import Optics, entrance_pupil_mm
-from testfield.camera.pose import Poses
+from testfield.camera.pose import Poses, rotation, rotation_vector
 from testfield.errors import TestfieldError
 from testfield.scene import generators
 from testfield.scene.bend import curvature_of, extent_mm
@@ -46,7 +47,7 @@ from testfield.scene.world import (
     World,
 )
 from testfield.seeds import generator
-from testfield.targets.field import Field, NominalBoard, ScaleBar
+from testfield.targets.field import CertifiedPose, Field, NominalBoard, ScaleBar
 from testfield.targets.marks import RADII, Marks, RingRadii
 
 CARD_MARGIN = 0.3
@@ -183,6 +184,9 @@ def build_world(scene: SceneFile) -> World:
         board_t.append(t)
         keep_clear.append((t, float(np.hypot(*board.size_mm)) * 0.4))
 
+    if scene.certified_poses is not None:
+        boards = _with_certified_poses(scene, boards, Poses(np.array(board_R), np.array(board_t)))
+
     bars, loose = [], {}
     for k, bar in enumerate(scene.scale_bars):
         try:
@@ -270,6 +274,24 @@ def build_world(scene: SceneFile) -> World:
         Dirt(*(np.array(column) for column in zip(*spots, strict=True))) if spots else Dirt(),
         points, sky, _flash(scene), **_materials(scene), prints=tuple(parts.prints),
     )  # fmt: skip
+
+
+def _with_certified_poses(scene: SceneFile, boards: list[NominalBoard], true: Poses) -> list[NominalBoard]:
+    """The sheets of the boards with what a certificate says of their poses in the frame of the first."""
+    part = scene.certified_poses
+    assert part is not None
+    u_turn = float(np.radians(part.u_rotation_deg))
+    first = Poses(np.repeat(true.R[:1], len(boards), 0), np.repeat(true.t_mm[:1], len(boards), 0))
+    relative = first.inverse().after(true)
+    certified = [boards[0]]
+    for k, board in enumerate(boards[1:], 1):
+        drawn = generator(scene.seed, f"certified_pose/{board.name}").standard_normal(6)
+        R = rotation(u_turn * drawn[:3]) @ relative.R[k]
+        x, y, z = rotation_vector(R[None])[0].tolist()
+        t = (relative.t_mm[k] + part.u_position_mm * drawn[3:]).tolist()
+        pose = CertifiedPose((x, y, z), (t[0], t[1], t[2]), u_turn, part.u_position_mm)
+        certified.append(replace(board, pose=pose))
+    return certified
 
 
 def _flash(scene: SceneFile) -> RingFlash | None:

@@ -765,8 +765,19 @@ class MeasurePart(_Part):
         None, description="Lens model to calibrate; absent, that of the camera."
     )
     hold: tuple[str, ...] = Field((), description="Parameters of the calibrated lens that are held at zero, as k5.")
+    board: str | None = Field(
+        None, description="The board that is calibrated with, for zhang, opencv and opencv_ro; absent, the best seen."
+    )
     reconstructor: str = Field("gls", description="Reconstruction method.")
     smallest_diameter_px: float = Field(5.0, ge=3, description="Smaller dots are not looked for.")
+
+
+class CertifiedPosesPart(_Part):
+    """What the field sheet says of where boards are, in the frame of the first: the truth and an error drawn from the
+    uncertainties given."""
+
+    u_position_mm: float = Field(0, ge=0, le=1000, description="Standard uncertainty of each coordinate; 0 is exact.")
+    u_rotation_deg: float = Field(0, ge=0, le=10, description="Standard uncertainty of the turn about each axis.")
 
 
 class SceneFile(_Part):
@@ -798,6 +809,9 @@ class SceneFile(_Part):
         description="Standard uncertainty of the scale all boards share (printing, temperature); "
         "the true scale differs by a draw from it.",
     )  # fmt: skip
+    certified_poses: CertifiedPosesPart | None = Field(
+        None, description="Whether somebody measured where the boards are, for the calibrators stitched_given and dlt."
+    )
     scale_bars: tuple[ScaleBarPart, ...] = Field((), description="Scale bars.")
     meshes: tuple[MeshPart, ...] = Field((), description="Bodies from mesh files, in the way or to carry targets.")
     check_targets: tuple[CheckPart, ...] = Field((), description="Targets whose true positions only scoring knows.")
