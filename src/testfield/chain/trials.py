@@ -50,7 +50,8 @@ class Trials:
         return Points.load(self.run.need("points.parquet", "reconstruct"))
 
     @cached_property
-    def _key(self) -> str:
+    def key(self) -> str:
+        """Digest of everything the trials depend on but their number."""
         run, measure = self.run, self.run.scene.measure
         inputs = [run.need(name, maker) for name, maker in _INPUTS]
         modules = {"testfield.chain.trials", module_of("reconstructors", measure.reconstructor)}
@@ -102,7 +103,7 @@ class Trials:
         return self._kept(f"uncertainty/{self.depth}/{number:04d}.npy", write)
 
     def _kept(self, name: str, write: Callable[[Path], None]) -> np.ndarray:
-        self.run.ledger.make(name, self._key, write)
+        self.run.ledger.make(name, self.key, write)
         return self.points.xyz_mm + np.load(self.run.folder / name)
 
     def _again(self, number: int) -> Points:

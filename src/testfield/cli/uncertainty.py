@@ -80,12 +80,16 @@ def act(args: argparse.Namespace) -> int:
 def _show(statement: dict[str, Any]) -> None:
     rows = statement["quantities"]
     interval = "mean +- k u, trials being few" if statement["gaussian_interval"] else "quantiles"
-    print(f"{statement['run']}, depth {statement['depth']}: {statement['trials']} trials, intervals at 95 % ({interval})")
+    print(
+        f"{statement['run']}, depth {statement['depth']}: {statement['trials']} trials, intervals at 95 % ({interval})"
+    )
     if statement["settled"]:
         print("all figures settled to a fifth of their tolerance")
     else:
         share = 100 * statement["settled_share"]
-        print(f"{share:.0f} % of the quantities settled to a fifth of their tolerance; the others' figures are known to")
+        print(
+            f"{share:.0f} % of the quantities settled to a fifth of their tolerance; the others' figures are known to"
+        )
         worst = max(max(r["monte_carlo"]["s_mm"]) / r["linear"]["u_mm"] for r in rows)
         print(f"{200 * worst:.1f} % of u (two standard deviations) at worst; more with --trials")
     if statement.get("incomplete"):
@@ -96,7 +100,9 @@ def _show(statement: dict[str, Any]) -> None:
         ratio = sorted(r["monte_carlo"]["u_mm"] / r["linear"]["u_mm"] for r in check)
         worst_row = max(check, key=_excess)
         print(f"\ncoordinates of check points: {len(check)}")
-        print(f"  validated   {100 * verdicts['yes'] / len(check):.1f} %, not {verdicts['no']}, open {verdicts['open']}")
+        print(
+            f"  validated   {100 * verdicts['yes'] / len(check):.1f} %, not {verdicts['no']}, open {verdicts['open']}"
+        )
         print(f"  u, Monte Carlo over linear   {ratio[0]:.3f} to {ratio[-1]:.3f}, median {ratio[len(ratio) // 2]:.3f}")
         print(f"  worst       {_line(worst_row)}")
     print("\nlengths")
@@ -105,7 +111,9 @@ def _show(statement: dict[str, Any]) -> None:
     if regions := statement.get("regions"):
         k = sorted(p["k"] for p in regions["points"])
         said = "settled" if regions["settled"] else "not settled"
-        print(f"\nellipsoids of points: k {k[0]:.4f} to {k[-1]:.4f} ({said}), of a Gaussian {regions['k_gaussian']:.4f}")
+        print(
+            f"\nellipsoids of points: k {k[0]:.4f} to {k[-1]:.4f} ({said}), of a Gaussian {regions['k_gaussian']:.4f}"
+        )
 
 
 def _excess(row: dict[str, Any]) -> float:
