@@ -15,6 +15,7 @@ follows from chi-squared; detection alone is left out, and that is what the firs
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -47,8 +48,8 @@ P = 0.95
 
 @dataclass(frozen=True)
 class Errors:
-    """Errors of one trial and what was claimed of them: `error` (d,), `cov` (d, d), in parts of `size` each, the last
-    of which a coverage region is asked of."""
+    """Errors of one trial and what was claimed of them: `error` (d,), `cov` (d, d), in parts of `size`, each
+    with a coverage region of its own."""
 
     error: np.ndarray
     cov: np.ndarray
@@ -100,14 +101,13 @@ def over_worlds(text: str, source: Path, worlds: int, tell: Callable[[str], None
 
 def over_exposures(run: Run, exposures: int, tell: Callable[[str], None]) -> dict[str, Any]:
     """NEES, coverage and scatter over new exposures of a run's radiance; finished ones are kept in its folder."""
-    found, shaken = [], []
+    found: list[dict[str, Errors]] = []
+    shaken: list[dict[str, Errors]] = []
     trials = Trials(run, "exposure")
     for k in range(exposures):
         for kind, into in (("exposure", found), ("pixels", shaken)):
             name = f"claims/{kind}/{k:04d}.parquet"
-            run.ledger.make(
-                name, digest(trials.key, kind, k), lambda path, kind=kind, k=k: _again(trials, kind, k, path)
-            )
+            run.ledger.make(name, digest(trials.key, kind, k), partial(_again, trials, kind, k))
             calibration, points = _measured(Observations.load(run.folder / name), run.field, run.scene)
             into.append(errors_of(run.world, calibration, points))
         tell(f"exposure {k + 1} of {exposures}")

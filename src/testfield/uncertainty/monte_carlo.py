@@ -47,7 +47,7 @@ class MonteCarlo:
 
     def settled(self, delta: np.ndarray) -> np.ndarray:
         """(q,) whether all four figures are known to within a tolerance (q,)."""
-        return (2 * self.s <= delta).all(axis=0)
+        return np.asarray((2 * self.s <= delta).all(axis=0))
 
 
 def adaptive(
@@ -70,14 +70,15 @@ def adaptive(
         s = np.std(figures, axis=0, ddof=1) / np.sqrt(len(figures))
         if (2 * s <= delta).all() or drawn + len(parts[-1]) > most_trials:
             # The figures are those of all trials together; only their spread is the blocks'.
-            return MonteCarlo(*_figures(np.concatenate(parts), p, shortest), s, drawn, len(parts), p, False)
+            value, u, low, high = _figures(np.concatenate(parts), p, shortest)
+            return MonteCarlo(value, u, low, high, s, drawn, len(parts), p, False)
 
 
 def of_few(values: np.ndarray, claimed_u: np.ndarray, p: float = P) -> MonteCarlo:
-    """The figures of (T, q) trials that were too costly for blocks of thousands, the distribution taken for Gaussian.
+    """The figures of (T, q) trials, too costly for blocks of thousands; the distribution is taken for Gaussian.
 
-    How well the figures are known follows from the larger of u and `claimed_u` (q,): few trials that happen to lie close
-    together must not seem certain.
+    How well the figures are known follows from the larger of u and `claimed_u` (q,): few trials that happen to lie
+    close together must not seem certain.
     """
     T, k = len(values), float(norm.ppf(0.5 + p / 2))
     value, u = values.mean(axis=0), values.std(axis=0, ddof=1)
@@ -105,8 +106,8 @@ def _figures(values: np.ndarray, p: float, shortest: bool) -> np.ndarray:
 class Validation:
     """The linear result judged by Monte Carlo (JCGM 101 clause 8).
 
-    `d_low`, `d_high` (q,) how far the ends of both intervals are apart; `delta` (q,) the tolerance. `verdict` (q,): `yes`
-    where both are within it, `no` where not, `open` where trials were too few to tell.
+    `d_low`, `d_high` (q,) how far the ends of both intervals are apart; `delta` (q,) the tolerance. `verdict` (q,):
+    `yes` where both are within it, `no` where not, `open` where trials were too few to tell.
     """
 
     d_low: np.ndarray
