@@ -41,6 +41,7 @@ from testfield.score.points import score_points
 from testfield.seeds import generator, seed_of
 from testfield.targets.field import Field
 from testfield.uncertainty.certificates import draw_pixels
+from testfield.uncertainty.consistency import nees_band
 
 GROUPS = ("camera", "boards", "check_points")
 P = 0.95
@@ -143,8 +144,7 @@ def _summary(trials: list[Errors], independent: bool) -> dict[str, Any]:
         "coverage_95": float(covered.mean()), "regions": len(covered),
     }  # fmt: skip
     if independent:
-        total = sum(len(t.error) for t in trials)
-        answer["nees_band_95"] = [float(chi2.ppf(q, total) / total) for q in (0.025, 0.975)]
+        answer["nees_band_95"] = list(nees_band(sum(len(t.error) for t in trials)))
     return answer
 
 
