@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from test_reconstruction import BENT, around, calibration_of, noisy, seen
 
 from testfield.bench.claims import over_exposures, over_worlds
 from testfield.bench.drawn import bound_px2, draw_observations
@@ -26,7 +27,6 @@ from testfield.uncertainty.monte_carlo import adaptive, of_few, tolerance, valid
 from testfield.uncertainty.propagation import Lengths, linear
 from testfield.uncertainty.rays import METHODS, RayTrials
 from testfield.uncertainty.supplement2 import adaptive_regions, coverage_factor, ellipsoids, regions
-from tests.test_reconstruction import BENT, around, calibration_of, noisy, seen
 
 SCENES = Path(__file__).parents[1] / "scenes"
 
@@ -179,8 +179,9 @@ def test_certificates_without_uncertainty_move_nothing(quick: Run) -> None:
     shift = (moved.xy_px - trials.observations.xy_px)[on]
     assert 1e-3 < np.sqrt((shift**2).mean()) < 0.05  # 0.01 mm at 2 m and 1,670 px focal length
     assert sheet.scale_bars[0].length_mm != quick.field.scale_bars[0].length_mm
-    noise = draw_pixels(trials.observations, rng).xy_px - trials.observations.xy_px
-    assert np.nanstd(noise) == pytest.approx(np.sqrt(np.nanmedian(trials.observations.cov_px2[:, 0, 0])), rel=0.5)
+    measured = trials.observations.measured
+    noise = draw_pixels(measured, rng).xy_px - measured.xy_px
+    assert noise.std() == pytest.approx(np.sqrt(measured.cov_px2[:, 0, 0].mean()), rel=0.1)
 
 
 # ------------------------------------------------------------------ the command
@@ -200,7 +201,9 @@ def test_the_linear_result_of_a_run_is_validated(
     statement = json.loads(capsys.readouterr().out)
     check = [q for q in statement["quantities"] if q["check_point"]]
     assert len(check) == 24
-    assert np.mean([q["validated"] == "yes" for q in check]) > 0.9
+    verdicts = [q["validated"] for q in check]
+    assert "no" not in verdicts
+    assert verdicts.count("yes") > 0.6 * len(check)  # two blocks leave some open
     assert {q["name"] for q in statement["quantities"] if q["kind"] == "length"} >= {"check bar", "201 to 204"}
     assert all(abs(p["k"] - 2.7955) < 0.1 for p in statement["regions"]["points"])
 
@@ -258,7 +261,7 @@ def test_claims_hold_over_worlds_and_half_claims_do_not() -> None:
     for group in ("camera", "boards", "check_points"):
         low, high = nees_band(6 * figures[group]["degrees_of_freedom"], 0.999)
         assert low < figures[group]["nees"] < high, group
-        assert not low < 2 * figures[group]["nees"] < high, group  # a covariance of half the size would be seen
+    assert 2 * figures["check_points"]["nees"] > nees_band(6 * 24, 0.999)[1]  # a covariance of half the size is seen
     assert figures["sigma0"] == pytest.approx(1, abs=0.05)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from testfield.calibrate.calibration import Calibration
 from testfield.camera.project import project
-from testfield.detect.observations import Observations
+from testfield.detect.observations import MEASURED, Observations
 from testfield.targets.field import Field
 
 
@@ -43,9 +43,9 @@ def draw_certificates(
 
 
 def draw_pixels(observations: Observations, rng: np.random.Generator) -> Observations:
-    """Observations with noise of their own covariance added once more."""
+    """Observations with noise of their own covariance added once more to all that was measured."""
     z = rng.standard_normal((len(observations), 2))
-    good = np.isfinite(observations.xy_px).all(axis=1) & np.isfinite(observations.cov_px2).all(axis=(1, 2))
+    good = (observations.status == MEASURED) & np.isfinite(observations.cov_px2).all(axis=(1, 2))
     root = np.linalg.cholesky(np.where(good[:, None, None], observations.cov_px2, np.eye(2)))
     noise = np.where(good[:, None], np.einsum("nij,nj->ni", root, z), 0)
     return replace(observations, xy_px=observations.xy_px + noise)
