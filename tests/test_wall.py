@@ -6,7 +6,7 @@ import pytest
 
 from testfield.chain.code import ROOT, imports
 
-MEASURING = ("detect", "calibrate", "adjust", "reconstruct")
+MEASURING = ("detect", "calibrate", "adjust", "reconstruct", "uncertainty")
 TRUE_SIDE = ("scene", "render", "sensor", "score")
 
 

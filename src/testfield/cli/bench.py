@@ -10,16 +10,21 @@ def add(commands: Any) -> None:
     """Enter the command."""
     p = commands.add_parser("bench", help="compare with peers in one run, as ratios", description=__doc__)
     p.add_argument(
-        "what", choices=("render", "detect", "recall"),
+        "what", choices=("render", "detect", "recall", "adjust", "claims"),
         help="render: the fast renderer against plain path tracing; detect: centring against the physical limit; "
-        "recall: targets found and read in clutter",
+        "recall: targets found and read in clutter; adjust: the bundle against Ceres and OpenCV; claims: claimed covariances against errors, over worlds drawn from "
+        "--scene, or over new exposures of --run",
     )  # fmt: skip
     p.add_argument(
         "--targets", type=int, default=20000, metavar="N", help="recall: how many are rendered (default: 20000)"
     )
     p.add_argument("--empty", type=int, default=50, metavar="N", help="recall: views without targets (default: 50)")
-    p.add_argument("--scene", type=Path, default=Path("scenes/shadowed_board.toml"), metavar="SCENE", help="render's")
-    p.add_argument("--quick", action="store_true", help="detect, recall: a few minutes' worth")
+    p.add_argument(
+        "--scene", type=Path, metavar="SCENE", help="render's (default: scenes/shadowed_board.toml), claims'"
+    )
+    p.add_argument("--run", type=Path, metavar="RUN", help="claims: the folder of a rendered run to expose again")
+    p.add_argument("--trials", type=int, default=50, metavar="N", help="claims: worlds or exposures (default: 50)")
+    p.add_argument("--quick", action="store_true", help="detect, recall, adjust: a few minutes' worth")
     p.add_argument("--only", choices=("series", "speed"), help="detect: one of its two parts")
     p.add_argument(
         "--out", type=Path, default=Path("renders"), metavar="FOLDER", help="where detect's page and finished cases go"
@@ -30,7 +35,9 @@ def add(commands: Any) -> None:
 
 def act(args: argparse.Namespace) -> int:
     """Run the benchmark and print its figures."""
-    return {"render": _render, "detect": _detect, "recall": _recall}[args.what](args)
+    return {"render": _render, "detect": _detect, "recall": _recall, "adjust": _adjust, "claims": _claims}[args.what](
+        args
+    )
 
 
 def _tell(what: str) -> None:
@@ -106,7 +113,7 @@ def _render(args: argparse.Namespace) -> int:
     from testfield.scene.build import build_world
     from testfield.scene.load import load_scene
 
-    figures = bench_render(blurless(build_world(load_scene(args.scene))), _tell)
+    figures = bench_render(blurless(build_world(load_scene(args.scene or Path("scenes/shadowed_board.toml")))), _tell)
     if args.json:
         print(json.dumps(figures))
         return 0
@@ -144,3 +151,72 @@ def _recall(args: argparse.Namespace) -> int:
     for why, times in figures["missed"].items():
         print(f"not found: {times:>4}  {why}")
     return 0
+
+
+def _adjust(args: argparse.Namespace) -> int:
+    import json
+
+    from testfield.bench.adjust import bench_adjust
+
+    figures = bench_adjust(args.quick, _tell)
+    if args.json:
+        print(json.dumps(figures))
+        return 0
+    ceres, opencv, growth = figures["ceres"], figures["opencv"], figures["growth"]
+    if "skipped" in ceres:
+        print(f"Ceres      not compared: {ceres['skipped']}")
+    else:
+        print(f"network    {ceres['images']} images, {ceres['points']} points, {ceres['observations']} observations")
+        print(f"time with all covariances over Ceres' without any   {ceres['ratio']:.2f}")
+        print(f"           ours {ceres['ours_s']:.2f} s ({ceres['our_steps']} steps), of which without covariances "
+              f"{ceres['without_covariance_s']:.2f} s; Ceres {ceres['ceres_s']:.2f} s ({ceres['their_steps']} steps)")  # fmt: skip
+        print(f"minimum    relative difference of the cost {ceres['relative_cost_difference']:.1e}")
+    print(f"OpenCV     rms {opencv['opencv_rms_px']:.9f} px, ours {opencv['ours_rms_px']:.9f} px, "
+          f"difference {opencv['difference_px']:.1e} px")  # fmt: skip
+    print(f"growth     time of a step grows as points^{growth['exponent_of_points']:.2f}")
+    if "large" in figures:
+        large = figures["large"]
+        print(f"large      {large['images']} images, {large['points']} points, {large['observations']} observations: "
+              f"{large['seconds']:.0f} s, {large['peak_memory_gb']:.1f} GB")  # fmt: skip
+    return 0
+
+
+def _claims(args: argparse.Namespace) -> int:
+    import json
+
+    from testfield.bench.claims import GROUPS, over_exposures, over_worlds
+    from testfield.chain.files import disk_errors
+    from testfield.chain.run import resume
+    from testfield.errors import TestfieldError
+
+    if args.trials < 2:
+        raise TestfieldError(f"value {args.trials} is too few", "--trials", "give 2 or more")
+    if args.run is not None:
+        with disk_errors(args.run):
+            figures = over_exposures(resume(args.run, 1), args.trials, _tell)
+    else:
+        scene = args.scene or Path("scenes/quick.toml")
+        figures = over_worlds(_text(scene), scene, args.trials, _tell)
+    if args.json:
+        print(json.dumps(figures))
+        return 0
+    for group in GROUPS:
+        of = figures[group]
+        band = "{:.3f} to {:.3f}".format(*of["nees_band_95"]) if "nees_band_95" in of else "one world's workshop"
+        print(f"{group.replace('_', ' '):<13} NEES per degree of freedom {of['nees']:.3f} (band {band})", end="")
+        print(f"  coverage of 95 % regions {100 * of['coverage_95']:.1f} % of {of['regions']}")
+        if "noise_ratio" in of:
+            print(f"{'':13} scatter over exposures, measured over claimed, in variance ", end="")
+            print(f"{of['noise_ratio']:.3f} +- {of['noise_ratio_sigma']:.3f}", end="")
+            print(f"  (noise is {100 * of['noise_share_claimed']:.0f} % of the claimed variance)")
+    if "rmse_over_u" in figures:
+        print(f"check points  RMSE {figures['rmse_mm']:.5f} mm over claimed u {figures['mean_u_mm']:.5f} mm", end="")
+        print(f" = {figures['rmse_over_u']:.3f}  sigma0 {figures['sigma0']:.4f}")
+    return 0
+
+
+def _text(scene: Path) -> str:
+    from testfield.scene.load import load_scene
+
+    load_scene(scene)  # speaks where the file is none
+    return scene.read_text(encoding="utf-8-sig")

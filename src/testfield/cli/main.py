@@ -7,7 +7,9 @@ from importlib import import_module
 
 from testfield.errors import TestfieldError
 
-COMMANDS = ("run", "stage", "detect", "validate", "preview", "certify", "bench", "codes", "list", "schema")
+COMMANDS = (
+    "run", "stage", "detect", "uncertainty", "validate", "preview", "certify", "bench", "codes", "list", "schema",
+)  # fmt: skip
 
 
 def parser() -> argparse.ArgumentParser:

@@ -63,14 +63,14 @@ class Sensor:
         return SensorSheet(self.gain_e_per_dn, noise_e, black_dn, self.bits, well_e, self.bayer)
 
 
-def expose(radiance: Radiance, sensor: Sensor, seed: int) -> Frame:
+def expose(radiance: Radiance, sensor: Sensor, seed: int, noise_seed: int | None = None) -> Frame:
     """One frame: colour filters, response, dark current, shot noise, full well, offsets, read noise, digits.
 
     The noise is drawn from the generator named `expose/<station>`, so frames can be made in any order. The fixed
     patterns are the sensor's: they depend on the seed alone and are the same at every station. What is switched off
-    draws nothing.
+    draws nothing. `noise_seed` takes the seed's place for the noise: another exposure by the same sensor.
     """
-    rng = generator(seed, f"expose/{radiance.station}")
+    rng = generator(seed if noise_seed is None else noise_seed, f"expose/{radiance.station}")
     mean_e = np.maximum(radiance.values.astype(np.float64), 0) * sensor.electrons_per_radiance
     if sensor.bayer:
         mean_e *= filter_pattern(mean_e.shape, sensor.bayer, sensor.bayer_response)

@@ -1,0 +1,152 @@
+"""Monte Carlo over a run: trials in three depths, kept in the run's folder as long as their inputs are the same.
+
+`rays`: pixels and calibration drawn from their covariances, the points met again. `calibration`: noise on every pixel
+and certificates drawn anew, then the whole calibration and reconstruction. `exposure`: new noise on the same radiance,
+certificates drawn anew, then detection, calibration and reconstruction. Every trial has a seed of its own by name.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from testfield.calibrate.calibration import Calibration
+from testfield.chain.code import code_digest
+from testfield.chain.files import digest, file_digest
+from testfield.chain.run import Run
+from testfield.detect.observations import Observations
+from testfield.errors import TestfieldError
+from testfield.reconstruct.points import Points
+from testfield.registry import find, module_of
+from testfield.seeds import generator, seed_of
+
+DEPTHS = ("rays", "calibration", "exposure")
+BLOCK = 10_000
+"""Trials in a file of the depth `rays`."""
+
+
+@dataclass(frozen=True)
+class Trials:
+    """Trials of a run in one depth, made when asked for."""
+
+    run: Run
+    depth: str
+
+    @cached_property
+    def observations(self) -> Observations:
+        """The run's observations."""
+        return Observations.load(self.run.need("observations.parquet", "detect"))
+
+    @cached_property
+    def calibration(self) -> Calibration:
+        """The run's calibration."""
+        return Calibration.load(self.run.need("calibration.json", "calibrate"))
+
+    @cached_property
+    def points(self) -> Points:
+        """The run's points: the estimate whose uncertainty is in question."""
+        return Points.load(self.run.need("points.parquet", "reconstruct"))
+
+    @cached_property
+    def key(self) -> str:
+        """Digest of everything the trials depend on but their number."""
+        run, measure = self.run, self.run.scene.measure
+        inputs = [run.need(name, maker) for name, maker in _INPUTS]
+        modules = {"testfield.chain.trials", module_of("reconstructors", measure.reconstructor)}
+        names: list[str] = []
+        if self.depth == "rays":
+            modules |= {"testfield.uncertainty.rays"}
+        else:
+            modules |= {"testfield.uncertainty.certificates", module_of("calibrators", measure.calibrator)}
+        if self.depth == "exposure":
+            modules |= {"testfield.sensor.expose", "testfield.detect.detect"}
+            inputs += [run.need(f"radiance/{name}.exr", "render") for name in run.stations]
+            sensor = {**run.scene.sensor.model_dump(), "exposure": run.scene.exposure.model_dump()}
+            names = [repr(sensor), repr(run.scene.camera.model_dump())]
+        return digest(
+            code_digest(*sorted(modules)), [file_digest(path) for path in inputs], run.field, run.scene.seed,
+            measure.model_dump(), names,
+        )  # fmt: skip
+
+    def block(self, number: int) -> np.ndarray:
+        """(BLOCK, n, 3) positions of one block of the depth `rays`."""
+        from testfield.uncertainty.rays import RayTrials
+
+        def write(path: Path) -> None:
+            method = self.run.scene.measure.reconstructor
+            ready = RayTrials.of(self.observations, self.calibration, self.run.field, method)
+            if not np.array_equal(ready.code, self.points.code):
+                raise TestfieldError(
+                    "the points are not those of these observations", str(self.run.folder / "points.parquet"),
+                    f"make them again with `testfield reconstruct {self.run.folder}`",
+                )  # fmt: skip
+            rng = generator(self.run.scene.seed, f"uncertainty/rays/{number}")
+            # Deviations need fewer digits than positions.
+            _save(path, (ready.draw(BLOCK, rng) - self.points.xyz_mm).astype(np.float32))
+
+        return self._kept(f"uncertainty/rays/{number:04d}.npy", write)
+
+    def trial(self, number: int) -> np.ndarray:
+        """(n, 3) positions of one trial of the other depths; NaN for a point that it did not find."""
+
+        def write(path: Path) -> None:
+            found = self._again(number)
+            row = {int(code): k for k, code in enumerate(found.code)}
+            off = np.full(self.points.xyz_mm.shape, np.nan)
+            for k, code in enumerate(self.points.code):
+                if int(code) in row:
+                    off[k] = found.xyz_mm[row[int(code)]] - self.points.xyz_mm[k]
+            _save(path, off)
+
+        return self._kept(f"uncertainty/{self.depth}/{number:04d}.npy", write)
+
+    def _kept(self, name: str, write: Callable[[Path], None]) -> np.ndarray:
+        self.run.ledger.make(name, self.key, write)
+        return self.points.xyz_mm + np.load(self.run.folder / name)
+
+    def _again(self, number: int) -> Points:
+        from testfield.uncertainty.certificates import draw_certificates, draw_pixels
+
+        run, measure, camera = self.run, self.run.scene.measure, self.run.scene.camera
+        rng = generator(run.scene.seed, f"uncertainty/{self.depth}/{number}")
+        if self.depth == "calibration":
+            observations = draw_pixels(self.observations, rng)
+        else:
+            observations = reexposed(run, seed_of(run.scene.seed, f"uncertainty/exposure/{number}/noise"))
+        observations, field = draw_certificates(observations, self.calibration, run.field, rng)
+        calibration = find("calibrators", measure.calibrator)(
+            observations, field, camera.width_px, camera.height_px, measure.lens or camera.lens, measure.hold
+        )
+        return find("reconstructors", measure.reconstructor)(observations, calibration, field)
+
+
+def reexposed(run: Run, seed: int) -> Observations:
+    """Observations of new frames of the run's radiance, their noise drawn from `seed`. The frames are not kept.
+
+    The sensor's fixed patterns are the run's own: it is the same camera.
+    """
+    from testfield.camera.images import Radiance
+    from testfield.detect.detect import detect
+    from testfield.sensor.expose import Sensor, expose
+
+    scene = run.scene
+    sensor = Sensor(
+        pixel_pitch_um=scene.camera.pixel_pitch_um, f_number=scene.camera.f_number, time_ms=scene.exposure.time_ms,
+        **scene.sensor.model_dump(),
+    )  # fmt: skip
+    parts = []
+    for name in run.stations:
+        radiance = Radiance.load(run.need(f"radiance/{name}.exr", "render"))
+        frame = expose(radiance, sensor, scene.seed, noise_seed=seed)
+        parts.append(detect(frame, run.field, scene.measure.centroid, scene.measure.smallest_diameter_px))
+    return Observations.join(parts, run.stations)
+
+
+_INPUTS = (("observations.parquet", "detect"), ("calibration.json", "calibrate"), ("points.parquet", "reconstruct"))
+
+
+def _save(path: Path, values: np.ndarray) -> None:
+    with path.open("wb") as file:
+        np.save(file, values)

@@ -1,0 +1,9 @@
+"""Whether errors are as large as was claimed: bands for normalised estimation errors squared (METHODS section 5.4)."""
+
+from scipy.stats import chi2
+
+
+def nees_band(freedom: int, p: float = 0.95) -> tuple[float, float]:
+    """Within which NEES per degree of freedom lies with probability p, where all claims are true; `freedom` counts the
+    degrees of all independent parts together. Points that share a calibration are one part."""
+    return float(chi2.ppf(0.5 - p / 2, freedom) / freedom), float(chi2.ppf(0.5 + p / 2, freedom) / freedom)

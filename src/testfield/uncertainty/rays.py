@@ -1,0 +1,150 @@
+"""The cheap depth of Monte Carlo: pixels and calibration drawn from their covariances, the points met again.
+
+All points of thousands of trials at once: the estimating equation gain x residuals = 0 is solved by steps of the gain
+itself, which needs projections only. Projections are exact in every trial; what stays as it was at the estimate are
+the weights, the rays that take part, and what a disc's image adds to its centre's projection.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from testfield.calibrate.calibration import Calibration
+from testfield.camera import lens
+from testfield.camera.pose import rotation
+from testfield.detect.observations import Observations
+from testfield.errors import TestfieldError
+from testfield.reconstruct.bundle import _of_calibration, _posterior
+from testfield.reconstruct.dlt import by_last_element, in_pixels
+from testfield.reconstruct.estimate import Method, Solved, sandwich, settle, solve
+from testfield.reconstruct.gls import all_together
+from testfield.reconstruct.midpoint import unweighted
+from testfield.reconstruct.ml import REPROJECTION
+from testfield.reconstruct.parametric_wls import by_ray
+from testfield.reconstruct.sights import sights_of
+from testfield.targets.field import Field
+
+METHODS = {
+    "midpoint": Method("midpoint", unweighted),
+    "dlt": Method("dlt", in_pixels),
+    "dlt_p34": Method("dlt_p34", by_last_element),
+    "parametric_wls": Method("parametric_wls", by_ray),
+    "gls": Method("gls", all_together),
+    "ml": REPROJECTION,
+    "bundle": REPROJECTION,
+}
+STEPS = 4
+MOST_AT_ONCE = 2_000_000
+"""Projections held in memory at once."""
+
+
+@dataclass(frozen=True)
+class RayTrials:
+    """Points ready to be met again: `solved` at the estimate `xyz_mm` (n, 3); `root` (P, P) of the calibration's
+    covariance; `afterwards` (3n, 2nk) what residuals of all points move them by in one more step, where the method has
+    one."""
+
+    solved: Solved
+    xyz_mm: np.ndarray
+    calibration: Calibration
+    root: np.ndarray
+    afterwards: np.ndarray | None
+
+    @property
+    def code(self) -> np.ndarray:
+        """(n,) codes of the points."""
+        return self.solved.sights.code
+
+    @staticmethod
+    def of(observations: Observations, calibration: Calibration, field: Field, method: str) -> "RayTrials":
+        """Raises `TestfieldError` where the method is not one of this package's own."""
+        if method not in METHODS:
+            raise TestfieldError(
+                f"method '{method}' is not one of {', '.join(METHODS)}", "measure.reconstructor",
+                "use --depth calibration, which takes any method as it is",
+            )  # fmt: skip
+        sights = sights_of(observations, calibration, field)
+        sound = settle(sights, calibration, METHODS["gls" if method == "bundle" else method])
+        solved = solve(sound.sights, calibration, METHODS[method])
+        afterwards, xyz = None, solved.xyz_mm
+        if method == "bundle":
+            afterwards = _change_of_cameras(solved, calibration)
+            xyz = xyz + (afterwards @ solved.rays.residual_px.ravel()).reshape(-1, 3)
+        values, vectors = np.linalg.eigh(calibration.covariance)
+        return RayTrials(solved, xyz, calibration, vectors * np.sqrt(np.maximum(values, 0)), afterwards)
+
+    def draw(self, trials: int, rng: np.random.Generator) -> np.ndarray:
+        """(T, n, 3) positions."""
+        n, k = self.solved.sights.there.shape
+        most = max(1, MOST_AT_ONCE // max(n * k, 1))
+        parts = [self._draw(min(most, trials - first), rng) for first in range(0, trials, most)]
+        return np.concatenate(parts)
+
+    def _draw(self, T: int, rng: np.random.Generator) -> np.ndarray:
+        solved, sights = self.solved, self.solved.sights
+        n, k = sights.there.shape
+        noise = np.einsum(
+            "nkij,tnkj->tnki", np.linalg.cholesky(sights.cov_px2), rng.standard_normal((T, n, k, 2)), optimize=True
+        )
+        interior, R, t = self._cameras(rng.standard_normal((T, len(self.root))) @ self.root.T)
+        # Measured where the points were predicted, off by the residual that the estimate leaves.
+        start = solved.xyz_mm
+        same = np.broadcast_to(start, (1, n, 3))
+        predicted = self._project(*self._cameras(np.zeros((1, len(self.root)))), same)
+        measured = np.where(sights.there[..., None], predicted + solved.rays.residual_px + noise, 0)
+        xyz = np.broadcast_to(start, (T, n, 3)).copy()
+        gain = solved.gain
+        for step in range(STEPS + 1):
+            residual = measured - np.where(sights.there[..., None], self._project(interior, R, t, xyz), 0)
+            if step < STEPS:
+                flat = residual.reshape(T, n, 2 * k).transpose(1, 2, 0)
+                # At the estimate the gain's residual is zero but for what the method's own lines leave.
+                xyz += (gain @ flat).transpose(2, 0, 1) - self._rest
+        if self.afterwards is not None:
+            xyz += (residual.reshape(T, -1) @ self.afterwards.T).reshape(T, n, 3)
+        return xyz
+
+    @property
+    def _rest(self) -> np.ndarray:
+        """(n, 3) gain x residuals at the estimate: zero for reprojection, of second order for lines."""
+        n, k = self.solved.sights.there.shape
+        return np.einsum("nij,nj->ni", self.solved.gain, self.solved.rays.residual_px.reshape(n, 2 * k))
+
+    def _cameras(self, off: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Interior (T, p), rotations (T, S, 3, 3) and translations (T, S, 3) of deviations (T, P) of the unknowns."""
+        calibration, T = self.calibration, len(off)
+        interior = np.tile(calibration.interior.parameters, (T, 1))
+        names = [name for name in calibration.interior.names if name in calibration.labels]
+        interior[:, [calibration.interior.names.index(name) for name in names]] += off[:, calibration.index(names)]
+        stations = calibration.stations
+        unknowns = np.array([calibration.index(calibration.station_unknowns(s)) for s in range(len(stations))])
+        six = off[:, unknowns]
+        return interior, rotation(six[..., :3]) @ stations.R, stations.t_mm + six[..., 3:]
+
+    def _project(self, interior: np.ndarray, R: np.ndarray, t: np.ndarray, xyz: np.ndarray) -> np.ndarray:
+        """(T, n, k, 2) pixels."""
+        station = self.solved.sights.station
+        camera = np.empty((len(xyz), *station.shape, 3))
+        for s in range(R.shape[1]):  # gathering a rotation for every ray would cost more than the projection
+            point, slot = np.nonzero(station == s)
+            camera[:, point, slot] = xyz[:, point] @ np.swapaxes(R[:, s], 1, 2) + t[:, s, None]
+        plane = camera[..., :2] / camera[..., 2:]
+        c = interior[:, 4:].T[:, :, None, None]
+        bent = lens.distort(self.calibration.interior.lens, plane, c)
+        return bent * interior[:, None, None, :2] + interior[:, None, None, 2:4]
+
+
+def _change_of_cameras(solved: Solved, calibration: Calibration) -> np.ndarray:
+    """(3n, 2nk) by what residuals of all points move the points, through what they tell of the cameras."""
+    n, k = solved.sights.there.shape
+    information, _ = _of_calibration(solved)
+    _, by_calibration = sandwich(solved)
+    whitening = np.where(
+        solved.sights.there[..., None, None], np.linalg.inv(np.linalg.cholesky(solved.sights.cov_px2)), 0
+    )
+    J = (whitening @ solved.rays.by_point).reshape(n, 2 * k, 3)
+    G = (whitening @ solved.rays.by_calibration).reshape(n, 2 * k, -1)
+    basis = np.linalg.qr(J)[0]
+    left = (G - basis @ (np.swapaxes(basis, 1, 2) @ G)).reshape(n, k, 2, -1)
+    right = np.einsum("nkip,nkij->pnkj", left, whitening).reshape(-1, 2 * n * k)
+    return by_calibration @ (_posterior(calibration.covariance, information) @ right)
