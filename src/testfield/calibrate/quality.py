@@ -51,8 +51,8 @@ def board_quality(
 
 
 def residual_test(adjustment: Adjustment) -> dict:
-    """The global test; how many observations `contradict` all others at the level at which 0.1 % of good ones do, and `contradict_at_most`
-    of good ones; how well they control each other."""
+    """The global test; how many observations `contradict` all others at the level at which 0.1 % of good ones do, and
+    `contradict_at_most` of good ones; how well they control each other."""
     test = global_test(adjustment)
     control = reliability(adjustment)
     worst = float(control.redundancy.min(initial=1.0))
