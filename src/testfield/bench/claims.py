@@ -162,7 +162,7 @@ def _noise(exposed: list[Errors], shaken: list[Errors]) -> dict[str, Any]:
         scatter.append((off**2).sum() / (len(part) - 1) / white.shape[1])
         spectrum = np.linalg.svd(off, compute_uv=False) ** 2
     # Of a weighted sum of chi-squared variables, as many degrees as its own mean and variance say.
-    effective = spectrum.sum() ** 2 / (spectrum**2).sum()
+    effective = (len(shaken) - 1) * spectrum.sum() ** 2 / (spectrum**2).sum()
     ratio = float(scatter[0] / scatter[1])
     return {
         "noise_share_exposed": float(scatter[0]), "noise_share_claimed": float(scatter[1]), "noise_ratio": ratio,
