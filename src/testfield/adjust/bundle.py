@@ -145,6 +145,7 @@ def _freedom(network: Network, size: int, open_ways: int) -> int:
     used = np.union1d(seen, kept)
     known = int((np.einsum("nii->ni", network.information[used]) > 0).sum())
     known += sum(int(np.isfinite(c.u[c.unknown]).sum()) for c in network.cameras) + network.scale_free
+    known += sum(bool(np.isfinite(c.u_aspect) and c.unknown[:2].any()) for c in network.cameras)
     unknowns = size - open_ways + 3 * len(np.setdiff1d(seen, kept))
     return 2 * len(network.xy_px) + len(network.distances) + known - unknowns
 
@@ -178,6 +179,7 @@ def _chi2(network: Network, whitening: np.ndarray, weight: np.ndarray) -> float:
         total = (weight[:, None] * white**2).sum() + np.einsum("ni,nij,nj->", off, network.information[used], off)
         for c in network.cameras:
             total += ((((c.known - c.interior.parameters) / c.u)[c.unknown]) ** 2).sum()
+            total += (c.aspect @ c.interior.parameters) ** 2
         at = network.datum_mm(network.distances.ends.ravel()).reshape(-1, 2, 3)
         gap = network.distances.length_mm - np.linalg.norm(at[:, 0] - at[:, 1], axis=1)
         total += ((gap / np.maximum(network.distances.u_mm, EXACT_MM)) ** 2).sum()

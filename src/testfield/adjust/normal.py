@@ -53,6 +53,9 @@ class NormalEquations:
             weight = 1 / camera.u[camera.unknown] ** 2
             self.normal[columns, columns] += weight
             self.right[columns] += weight * (camera.known - camera.interior.parameters)[camera.unknown]
+            aspect = camera.aspect[camera.unknown]
+            self.normal[np.ix_(columns, columns)] += np.outer(aspect, aspect)
+            self.right[columns] -= aspect * (camera.aspect @ camera.interior.parameters)
         if network.scale_free:
             self.normal[layout.scale, layout.scale] += 1 / network.u_scale**2
             self.right[layout.scale] += (1 - network.scale) / network.u_scale**2
