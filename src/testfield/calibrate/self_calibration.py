@@ -18,7 +18,7 @@ from testfield.adjust.weakness import weak_unknowns
 from testfield.calibrate.calibration import Calibration
 from testfield.calibrate.certified import Certified, in_datum
 from testfield.calibrate.loose_discs import disc_offsets
-from testfield.calibrate.self_start import loose_network, start_from_nothing
+from testfield.calibrate.self_start import SQUARE, loose_network, start_from_nothing
 from testfield.calibrate.ties import LEAST_COMMON, LEAST_RAYS, Ties, coded_ties, largest_group, point_name
 from testfield.camera.interior import Interior
 from testfield.camera.pose import Poses
@@ -32,8 +32,6 @@ FALSE_ALARM = 0.05
 """Chance that any good observation at all is called a gross error."""
 ROUNDS = 12
 SETTLED_PX = 1e-7
-SQUARE = 1e-6
-"""Standard deviation of fy / fx where pixels are taken to be square."""
 GUESSED = {"focal length": 0.2, "principal point": 0.015, "aspect": 1e-3, "lens": 0.002}
 """How well anybody knows a lens unseen: the focal length as a part of itself; the principal point as a part of the
 image's width; fy / fx; a coefficient by what it moves at the outermost point, as a part of the image's width. What a

@@ -31,6 +31,9 @@ CAP = 0.01
 ADJUSTED = 5
 """Trials that are adjusted."""
 PASSES = 5
+SQUARE = 1e-4
+"""Standard deviation of fy / fx where pixels are taken to be square. A stiffer tie would hold the focal length, too,
+while steps are damped."""
 
 
 @dataclass(frozen=True)
@@ -280,7 +283,7 @@ def _adjusted(start: Start, ties: Ties) -> Start | None:
     interior = start.interior
     u = np.zeros(len(interior.parameters))
     u[:2], u[4] = interior.fx, 0.5
-    camera = Camera(interior, u, interior.parameters, u_aspect=1e-6)
+    camera = Camera(interior, u, interior.parameters, u_aspect=SQUARE)
     network = loose_network(
         replace(some, image=number[some.image]), interior, start.poses[stations], start.point_mm, camera
     )
