@@ -44,7 +44,8 @@ class FreeNetwork:
 
     `calibration` with stations in the datum; points `code` (n,) (negative: dots without a code) at `xyz_mm` (n, 3) with
     joint covariance `cov_xyz_mm2` (3n, 3n), seen in `rays` (n,) images with `residual_rms_px` (n,), `rejected` (n,)
-    sights turned down; `ties` the sights used; `scale_from` what the scale rests on; `adjustment` itself.
+    sights turned down; `scale_from` what the scale rests on; `job` from which `settled` would begin again, without
+    what is said in the end; `adjustment` itself.
     """
 
     calibration: Calibration
@@ -54,10 +55,9 @@ class FreeNetwork:
     rays: np.ndarray
     residual_rms_px: np.ndarray
     rejected: np.ndarray
-    ties: Ties
     scale_from: str
-    adjustment: Adjustment
     job: "Job"
+    adjustment: Adjustment
 
 
 @dataclass(frozen=True)
@@ -175,7 +175,7 @@ def settled(job: Job, hold: tuple[str, ...], empirical: bool) -> FreeNetwork:
         )
         widened = replace(adjustment.network, cov_px2=factor * adjustment.network.cov_px2)
         adjustment = adjust(widened, job.labels)
-    return _result(replace(job, network=adjustment.network, notes=tuple(notes)), adjustment, np.sqrt(factor))
+    return _result(job, adjustment, tuple(notes), np.sqrt(factor))
 
 
 def _doubts(job: Job, adjustment: Adjustment) -> list[str]:
@@ -193,7 +193,7 @@ def _doubts(job: Job, adjustment: Adjustment) -> list[str]:
     return notes
 
 
-def _result(job: Job, adjustment: Adjustment, misfit: float) -> FreeNetwork:
+def _result(job: Job, adjustment: Adjustment, notes: tuple[str, ...], misfit: float) -> FreeNetwork:
     network, ties = adjustment.network, job.ties
     labels = job.labels
     index = np.arange(len(labels) - 3 * len(network.kept_points))
@@ -208,11 +208,11 @@ def _result(job: Job, adjustment: Adjustment, misfit: float) -> FreeNetwork:
         "self", network.interior, ties.stations, network.stations, (), Poses.identity(0), 1.0,
         adjustment.covariance[np.ix_(index, index)], tuple(labels[: len(index)]), adjustment.sigma0 * misfit,
         adjustment.freedom, float(np.sqrt(size2.mean())), len(network.xy_px), job.rejected, network.xy_px,
-        adjustment.residual_px, (), job.notes,
+        adjustment.residual_px, (), notes,
     )  # fmt: skip
     return FreeNetwork(
         calibration, ties.code[seen], network.point_mm[seen], adjustment.cov.points(seen), rays[seen], rms[seen],
-        np.array([turned_down[int(c)] for c in ties.code[seen]], int), ties, job.scale_from, adjustment, job,
+        np.array([turned_down[int(c)] for c in ties.code[seen]], int), job.scale_from, job, adjustment,
     )  # fmt: skip
 
 

@@ -105,7 +105,9 @@ def start_from_nothing(ties: Ties, width_px: int, height_px: int, lens: str, foc
             # The better lens reaches images and points that the first one could not.
             found = _extended(found, views)
             score = _misfit(found, views)
-            if best is None or score < 0.99 * best[0]:
+            if best is not None and abs(score - best[0]) < 0.01 * best[0]:
+                break  # two starts that end in the same place
+            if best is None or score < best[0]:
                 best = (score, found)
     return best[1] if best else trials[0][1]
 

@@ -7,7 +7,7 @@ from importlib import import_module
 
 from testfield.errors import TestfieldError
 
-COMMANDS = ("run", "stage", "detect", "validate", "preview", "certify", "bench", "codes", "list", "schema")
+COMMANDS = ("run", "stage", "detect", "measure", "validate", "preview", "certify", "bench", "codes", "list", "schema")
 
 
 def parser() -> argparse.ArgumentParser:
