@@ -8,6 +8,7 @@ from testfield.adjust.datum import aligned
 from testfield.adjust.network import EXACT_MM, Distances, Network
 from testfield.calibrate.loose_discs import measured_radii
 from testfield.calibrate.ties import LEAST_RAYS, Ties
+from testfield.camera.pose import nearest_rotation
 from testfield.targets.field import ScaleBar
 
 OTHER_UNIT = 1.5
@@ -76,9 +77,10 @@ def in_datum(network: Network, ties: Ties, moments_px2: np.ndarray, certified: C
         bars = [bar for bar, fine in zip(bars, agree, strict=True) if fine]
         scale, scale_from = float(np.median(ratios[agree])), "distances"
     if scale is not None and by_diameter is not None and not 1 / OTHER_UNIT < by_diameter / scale < OTHER_UNIT:
+        wide, said = 2 * scale * float(np.nanmedian(own)), 2 * float(np.nanmedian(told))
         notes.append(
-            f"by the {scale_from} the dots are {2e0 * scale * float(np.nanmedian(own)):.4g} mm wide, and the field file "
-            f"says {2 * float(np.nanmedian(told)):.4g} mm: one of the two is in another unit; the diameters are not used"
+            f"by the {scale_from} the dots are {wide:.4g} mm wide, and they are said to have {said:.4g} mm: one of the "
+            "two is in another unit; the diameters are not used"
         )
         told, by_diameter = np.full(len(told), np.nan), None
     if scale is None and by_diameter is not None:
@@ -91,7 +93,7 @@ def in_datum(network: Network, ties: Ties, moments_px2: np.ndarray, certified: C
             f"nothing tells the scale: it is arbitrary, the field's greatest extent being {ARBITRARY_MM:g} mm; "
             "certify a distance between two codes"
         )
-    network = _moved(network, seen, scale, points, target) if len(known) else _centred(network, seen, scale)
+    network = aligned(network, target, points, True) if len(known) else _centred(network, seen, scale)
     if len(known):
         information, values = network.information.copy(), network.known_mm.copy()
         for c, p in zip(known, points, strict=True):
@@ -169,23 +171,17 @@ def _agreed(ratios: np.ndarray, by_diameter: float | None) -> float:
 def _name_disagreeing(bars: list[ScaleBar], factor: np.ndarray, others: str, notes: list[str]) -> None:
     for bar, f in zip(bars, factor, strict=True):
         notes.append(
-            f"the distance '{bar.name}' ({bar.length_mm:g} mm) is {f:.4g} times what the {others} say: in another unit, "
-            "or between other codes; it is left out"
+            f"the distance '{bar.name}' ({bar.length_mm:g} mm) is {f:.4g} times what the {others} say: in another "
+            "unit, or between other codes; it is left out"
         )
 
 
 def _similarity(here: np.ndarray, target: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
     """Scale, rotation and shift that bring points (k, 3) nearest to their targets."""
-    from testfield.camera.pose import nearest_rotation
-
     a, b = here - here.mean(axis=0), target - target.mean(axis=0)
     R = nearest_rotation(b.T @ a)
     scale = float((b * (a @ R.T)).sum() / (a**2).sum())
     return scale, R, target.mean(axis=0) - scale * R @ here.mean(axis=0)
-
-
-def _moved(network: Network, seen: np.ndarray, scale: float, points: np.ndarray, target: np.ndarray) -> Network:
-    return aligned(network, target, points, True)
 
 
 def _centred(network: Network, seen: np.ndarray, scale: float) -> Network:

@@ -10,9 +10,9 @@ import numpy as np
 from scipy.stats import chi2 as chi_squared
 
 from testfield.adjust.bundle import Adjustment, adjust
+from testfield.adjust.datum import open_motions
 from testfield.adjust.network import Camera, Distances, Images, Network
 from testfield.adjust.normal import Factor
-from testfield.adjust.datum import open_motions
 from testfield.adjust.reliability import global_test, reliability
 from testfield.adjust.weakness import weak_unknowns
 from testfield.calibrate.calibration import Calibration
@@ -150,9 +150,7 @@ def free_network(
     for i in np.flatnonzero(~start.reached):
         said.append(f"image '{ties.stations[i]}' cannot be joined to the others and is left out")
     ties, poses, points = _compact(ties, start.reached, start.poses, start.point_mm, start.known, said)
-    camera = Camera(
-        start.interior, np.zeros(len(interior_names)), start.interior.parameters, u_aspect=SQUARE
-    )
+    camera = Camera(start.interior, np.zeros(len(interior_names)), start.interior.parameters, u_aspect=SQUARE)
     network = loose_network(ties, start.interior, poses, points, camera)
     network, _ = free_what_is_determined(network, ties.stations, hold)
     datum = in_datum(network, ties, ties.moments_px2, certified or Certified())
@@ -230,7 +228,9 @@ def parameter_groups(interior: Interior) -> list[tuple[str, ...]]:
     return groups + second + decentring + [("aspect",)] + [g for g in others if g not in decentring]
 
 
-def free_what_is_determined(network: Network, stations: tuple[str, ...], hold: tuple[str, ...]) -> tuple[Network, list[str]]:
+def free_what_is_determined(
+    network: Network, stations: tuple[str, ...], hold: tuple[str, ...]
+) -> tuple[Network, list[str]]:
     """The network with more of its lens' parameters freed, as far as the images determine them, and what is said of
     the others.
 
@@ -288,9 +288,7 @@ def _forgiving(network: Network, stations: tuple[str, ...]) -> Adjustment | None
     return replace(found, network=network) if found else None
 
 
-def _lens_uncertainty(
-    found: Adjustment, free: np.ndarray, square: bool
-) -> tuple[dict[str, float], dict[str, float]]:
+def _lens_uncertainty(found: Adjustment, free: np.ndarray, square: bool) -> tuple[dict[str, float], dict[str, float]]:
     """Standard uncertainties of what is free of the lens, and what they would be without any image."""
     network = found.network
     interior, names = network.interior, network.interior.names
@@ -404,9 +402,7 @@ def _without(job: Job, bad: np.ndarray, size: np.ndarray) -> Job:
         distances=Distances(ends[whole], network.distances.length_mm[whole], network.distances.u_mm[whole]),
         images=Images.one_camera(len(stations)),
     )  # fmt: skip
-    return Job(
-        network, ties, job.radius_mm[which], job.scale_from, job.rejected + tuple(records), tuple(said)
-    )
+    return Job(network, ties, job.radius_mm[which], job.scale_from, job.rejected + tuple(records), tuple(said))
 
 
 def _of_images(ties: Ties, images: np.ndarray) -> Ties:

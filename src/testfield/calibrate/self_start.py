@@ -153,7 +153,7 @@ def _orientations(interior: Interior, views: _Views, first: int, second: int) ->
         E, inside = cv2.findEssentialMat(a, b, np.eye(3), cv2.RANSAC, 0.999, tolerance)
     except cv2.error:
         E, inside = None, None
-    if E is not None and E.shape[0] >= 3:
+    if E is not None and inside is not None and E.shape[0] >= 3:
         for part in E.reshape(-1, 3, 3)[:4]:
             _, R, t, _ = cv2.recoverPose(part, a, b, np.eye(3), mask=inside.copy())
             answers.append((R, t[:, 0]))

@@ -117,7 +117,13 @@ def with_dots(result: FreeNetwork, observations: Observations, hold: tuple[str, 
         moments = np.nan_to_num(observations.moments_px2[row])
         size = 2 * np.sqrt(np.maximum(np.linalg.eigvalsh(moments)[:, 1], 0))
     dots = match_dots(
-        calibration.interior, calibration.stations, station[row], observations.xy_px[row], size, result.xyz_mm, tolerance
+        calibration.interior,
+        calibration.stations,
+        station[row],
+        observations.xy_px[row],
+        size,
+        result.xyz_mm,
+        tolerance,
     )
     if not len(dots.point_mm):
         return result
@@ -156,7 +162,16 @@ def _lengths(certified: Certified, points: Points) -> tuple[tuple[Length, ...], 
         length, u = points.distance(int(a), int(b))
         en = (length - bar.length_mm) / (2 * np.hypot(u, max(bar.u_length_mm, 1e-9))) if bar.role == "check" else None
         answer.append(
-            Length(bar.name, bar.role, bar.codes, bar.length_mm, bar.u_length_mm, length, u, None if en is None else float(en))
+            Length(
+                bar.name,
+                bar.role,
+                bar.codes,
+                bar.length_mm,
+                bar.u_length_mm,
+                length,
+                u,
+                None if en is None else float(en),
+            )
         )
     return tuple(answer), notes
 
@@ -185,7 +200,7 @@ def _of_grid(
         raise TestfieldError(
             "a grid of circles needs its size, spacing and diameter",
             "field file, target.kind, grid.spacing_mm, target.diameter_mm",
-            "write kind = \"circles:10x8\", diameter_mm and [grid] spacing_mm",
+            'write kind = "circles:10x8", diameter_mm and [grid] spacing_mm',
         )
     k = np.arange(target.columns * target.rows)
     xy = field.grid.spacing_mm * np.column_stack([k % target.columns, k // target.columns]).astype(float)
@@ -200,7 +215,9 @@ def _of_grid(
     calibration = stitched(named, Field(14, (board,)), *size_px, lens, hold)
     notes = (*calibration.notes, *(f"{sizes[s]} image(s) show a grid of {s[0]} x {s[1]} only" for s in odd))
     empty = Points("stitched", *(np.zeros(s, t) for s, t in EMPTY))
-    return Measurement(named, replace(calibration, notes=notes), empty, (), "the grid's own: origin in its first circle")
+    return Measurement(
+        named, replace(calibration, notes=notes), empty, (), "the grid's own: origin in its first circle"
+    )
 
 
 EMPTY: tuple[tuple, ...] = ((0, int), ((0, 3), float), ((0, 0), float), (0, int), (0, float), (0, int))

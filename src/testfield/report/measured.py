@@ -41,7 +41,9 @@ def write_measurement(result: Measurement, field: FieldFile, folder: Path, image
         table.writerow(("point", "x_mm", "y_mm", "z_mm", "u_x_mm", "u_y_mm", "u_z_mm", "rays", "residual_rms_px"))
         for k in range(len(points)):
             numbers = [f"{v:.5f}" for v in (*points.xyz_mm[k], *u[k])]
-            table.writerow((point_name(int(points.code[k])), *numbers, points.rays[k], f"{points.residual_rms_px[k]:.4f}"))
+            table.writerow(
+                (point_name(int(points.code[k])), *numbers, points.rays[k], f"{points.residual_rms_px[k]:.4f}")
+            )
     summary = {
         "field": field.name,
         "images": list(result.observations.stations),
@@ -166,7 +168,7 @@ def point_plan(result: Measurement) -> bytes:
 
 
 def _picture(path: Path) -> str:
-    picture = cv2.imread(str(path))
+    picture = np.asarray(cv2.imread(str(path)))
     scale = min(1.0, PICTURE_WIDTH / picture.shape[1])
     small = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     content = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, 85])[1].tobytes()

@@ -72,7 +72,7 @@ def score_camera(world: World, calibration: Calibration) -> dict:
 
 
 def score_boards(world: World, calibration: Calibration) -> dict:
-    """Board poses in the datum frame: shift of each board's marks, turn, NEES; nothing where no board was calibrated."""
+    """Board poses in the datum frame: shift of each board's marks, turn, NEES; none without boards."""
     _, true = true_in_datum(world, calibration.board_names)
     sheets = {sheet.name: sheet for sheet in world.field.boards}
     shifts, turns, moves, squares = [], [], [], []
