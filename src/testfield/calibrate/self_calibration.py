@@ -1,7 +1,8 @@
 """Self-calibration: no boards, only numbered points and a scale bar; the free network with the lens in it.
 
-What the images cannot tell of the lens is held and named. Which parameters those are is asked one group after another:
-a group is freed when all that is free is then known better than anybody knows it of a lens unseen.
+What the images cannot tell of the lens is named, and held to what anybody knows of a lens unseen: with that uncertainty,
+not exactly, so that what is claimed of everything else is true. Which parameters those are is asked one group after
+another: a group is freed when all that is free is then known better than so.
 """
 
 from dataclasses import dataclass, replace
@@ -9,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2 as chi_squared
 
-from testfield.adjust.bundle import Adjustment, adjust
+from testfield.adjust.bundle import Adjustment, adjust, predict
 from testfield.adjust.datum import open_motions
 from testfield.adjust.network import Camera, Distances, Images, Network
 from testfield.adjust.normal import Factor
@@ -231,13 +232,15 @@ def parameter_groups(interior: Interior) -> list[tuple[str, ...]]:
 def free_what_is_determined(
     network: Network, stations: tuple[str, ...], hold: tuple[str, ...]
 ) -> tuple[Network, list[str]]:
-    """The network with more of its lens' parameters freed, as far as the images determine them, and what is said of
-    the others.
+    """The network with more of its lens' parameters freed, as far as the images determine them, the others but those
+    in `hold` known as well as of any lens, and what is said of these.
 
     Robust, and with covariances that follow the scatter, so that neither a misread code nor an unfinished lens decides.
     """
     names, camera = network.interior.names, network.cameras[0]
-    free, square = camera.unknown, bool(np.isfinite(camera.u_aspect))
+    free, square = np.isinf(camera.u), bool(np.isfinite(camera.u_aspect))
+    centre = np.where(free, network.interior.parameters, camera.known)
+    limits = _of_any_lens(network)
     notes: list[str] = []
     for group in parameter_groups(network.interior):
         if group == ("aspect",):
@@ -251,15 +254,23 @@ def free_what_is_determined(
             wanted, with_square = free | chosen, square
         trial = _forgiving(_with_lens(network, wanted, with_square), stations)
         if trial is None:
-            notes.append(f"{_said(group)} {_held(group, network.interior)}: the images do not determine it")
+            notes.append(f"{_said(group)} {_held(group, centre, limits, names)}: the images do not determine it")
             continue
-        u, limits = _lens_uncertainty(trial, wanted, with_square)
-        worse = [name for name in limits if u[name] > limits[name]]
+        u = _lens_uncertainty(trial, wanted, with_square)
+        worse = [name for name in u if u[name] > limits[name]]
         if worse:
-            notes.append(_why_held(group, worse, u, limits, network.interior))
+            notes.append(_why_held(group, worse, u, _held(group, centre, limits, names), names))
             continue
         free, square, network = wanted, with_square, trial.network
-    return _with_lens(network, free, square), notes
+        limits = _of_any_lens(network)
+    guessed = np.array([0.0 if name in hold else limits[name] for name in names])
+    camera = Camera(
+        network.interior,
+        np.where(free, np.inf, guessed),
+        np.where(free, network.interior.parameters, centre),
+        SQUARE if square else np.inf,
+    )
+    return replace(network, cameras=(camera,)), notes
 
 
 def _with_lens(network: Network, free: np.ndarray, square: bool) -> Network:
@@ -270,8 +281,6 @@ def _with_lens(network: Network, free: np.ndarray, square: bool) -> Network:
 
 def _forgiving(network: Network, stations: tuple[str, ...]) -> Adjustment | None:
     """A robust adjustment whose covariances are those of the scatter; None where it does not come to rest."""
-    from testfield.adjust.bundle import predict
-
     labels = network.labels(stations, (), (), tuple(f"point{k}" for k in range(len(network.point_mm))))
     claimed = network.cov_px2
     found = None
@@ -288,30 +297,30 @@ def _forgiving(network: Network, stations: tuple[str, ...]) -> Adjustment | None
     return replace(found, network=network) if found else None
 
 
-def _lens_uncertainty(found: Adjustment, free: np.ndarray, square: bool) -> tuple[dict[str, float], dict[str, float]]:
-    """Standard uncertainties of what is free of the lens, and what they would be without any image."""
-    network = found.network
-    interior, names = network.interior, network.interior.names
+def _lens_uncertainty(found: Adjustment, free: np.ndarray, square: bool) -> dict[str, float]:
+    """Standard uncertainties of what is free of the lens."""
+    interior, names = found.network.interior, found.network.interior.names
     place = np.cumsum(free) - 1
     C = found.covariance
     u = {name: float(np.sqrt(max(C[place[k], place[k]], 0))) for k, name in enumerate(names) if free[k]}
-    limits: dict[str, float] = {}
-    at_camera = network.camera_from_datum()[network.image].apply(network.point_mm[network.point])
-    _, by_interior, _ = camera_jacobian(interior, at_camera)
-    reach = np.percentile(np.linalg.norm(by_interior, axis=1), 99, axis=0)
-    for name in u:
-        k = names.index(name)
-        if k < 2:
-            limits[name] = GUESSED["focal length"] * interior.fx
-        elif k < 4:
-            limits[name] = GUESSED["principal point"] * interior.width_px
-        else:
-            limits[name] = GUESSED["lens"] * interior.width_px / max(reach[k], 1e-12)
     if not square and free[:2].all():
         d = np.zeros(len(C))
         d[place[:2]] = [-1 / interior.fx, 1 / interior.fx]
-        u["aspect"], limits["aspect"] = float(np.sqrt(max(d @ C @ d, 0))), GUESSED["aspect"]
-    return u, limits
+        u["aspect"] = float(np.sqrt(max(d @ C @ d, 0)))
+    return u
+
+
+def _of_any_lens(network: Network) -> dict[str, float]:
+    """Standard uncertainties with which the parameters of any lens are known that nobody has seen."""
+    interior = network.interior
+    at_camera = network.camera_from_datum()[network.image].apply(network.point_mm[network.point])
+    _, by_interior, _ = camera_jacobian(interior, at_camera)
+    reach = np.percentile(np.linalg.norm(by_interior, axis=1), 99, axis=0)
+    moved = GUESSED["lens"] * interior.width_px / np.maximum(reach, 1e-12)
+    limits = dict(zip(interior.names, moved.tolist(), strict=True))
+    limits |= {name: GUESSED["focal length"] * interior.fx for name in interior.names[:2]}
+    limits |= {name: GUESSED["principal point"] * interior.width_px for name in interior.names[2:4]}
+    return limits | {"aspect": GUESSED["aspect"]}
 
 
 def _said(group: tuple[str, ...]) -> str:
@@ -324,26 +333,23 @@ def _said(group: tuple[str, ...]) -> str:
     return ", ".join(group)
 
 
-def _held(group: tuple[str, ...], interior: Interior) -> str:
-    if group == ("fx", "fy"):
-        return f"is held at its start of {interior.fx:.0f} px"
-    if group == ("cx", "cy"):
-        return "is held in the image's middle"
+def _held(group: tuple[str, ...], centre: np.ndarray, limits: dict[str, float], names: tuple[str, ...]) -> str:
+    """What is done with a group that the images do not determine."""
     if group == ("aspect",):
         return "is held at 1"
-    return f"{'are' if len(group) > 1 else 'is'} held at zero"
+    at = "+-" + ", ".join(f"{limits[name]:.2g}" for name in dict.fromkeys(group))
+    if group == ("fx", "fy"):
+        return f"is held to its start, {centre[0]:.0f} +-{limits['fx']:.2g} px"
+    if group == ("cx", "cy"):
+        return f"is held to the image's middle, +-{limits['cx']:.2g} px"
+    return f"{'are' if len(group) > 1 else 'is'} held to zero, {at}"
 
 
-def _why_held(
-    group: tuple[str, ...], worse: list[str], u: dict[str, float], limits: dict[str, float], interior: Interior
-) -> str:
+def _why_held(group: tuple[str, ...], worse: list[str], u: dict[str, float], held: str, names: tuple[str, ...]) -> str:
     own = [name for name in worse if name in group] or worse
-    told = ", ".join(f"{name} to +-{u[name]:.2g}{' px' if name in interior.names[:4] else ''}" for name in own)
+    told = ", ".join(f"{name} to +-{u[name]:.2g}{' px' if name in names[:4] else ''}" for name in own)
     other = "" if own[0] in group else " with it free"
-    return (
-        f"{_said(group)} {_held(group, interior)}: the images would tell {told}{other}, "
-        "which is less than is known of any lens"
-    )
+    return f"{_said(group)} {held}: the images would tell {told}{other}, which is less than is known of any lens"
 
 
 # ------------------------------------------------------------------ outliers, discs, and what is left
