@@ -147,7 +147,7 @@ def test_what_parallel_views_of_a_plane_cannot_tell_is_held_and_named() -> None:
     # What is not known of the lens is in the claims: the plane may be bent, and that is said.
     error, nees = fitted(found, truth)
     assert np.abs(error[:, :2]).max() < 5
-    assert np.abs(error[:, 2]).max() > 5
+    assert np.abs(error[:, 2]).max() > 0.5
     assert 0.2 < nees < 1.6
 
 
@@ -197,7 +197,7 @@ def test_bars_that_cannot_be_used_are_named() -> None:
     bars = (bar_of(truth), bar_of(truth, 5, 6), bar_of(truth, 7, 8, factor=1e-3), bar_of(truth, 9, 10))
     found = calibrated(truth, ties.take(once), *bars)
     notes = " ".join(found.calibration.notes)
-    assert "'bar 5-6' is left out: code 5 in one image only" in notes
+    assert "'bar 5-6' is left out: code 5 is in 1 image(s)" in notes
     assert "'bar 7-8'" in notes
     assert "another unit" in notes
     assert 0.5 < fitted(found, truth)[1] < 1.7

@@ -85,7 +85,7 @@ def _adjust(network: Network, labels: list[str], robust: bool, datum_points: np.
     whitening = np.linalg.inv(np.linalg.cholesky(network.cov_px2))
     weight = _weights(network, whitening) if robust else np.ones(len(network.point))
     chi2 = _chi2(network, whitening, weight)
-    damping, steps, converged = FIRST_DAMPING, 0, False
+    damping, fall, steps, converged = FIRST_DAMPING, 100.0, 0, False
     equations, ways = _equations(network, structure, whitening, weight)
     while steps < MOST_STEPS:
         steps += 1
@@ -99,7 +99,7 @@ def _adjust(network: Network, labels: list[str], robust: bool, datum_points: np.
             if small < NEGLIGIBLE and damping < 1e-8:
                 converged = True
                 break
-            damping = damping / 100 if damping > 1e-12 else 0.0
+            damping = damping / fall if damping > 1e-12 else 0.0
             if robust:
                 weight = _weights(network, whitening)
                 chi2 = _chi2(network, whitening, weight)
@@ -108,7 +108,8 @@ def _adjust(network: Network, labels: list[str], robust: bool, datum_points: np.
             converged = damping <= 1e8
             break
         else:
-            damping = max(damping * 100, 1e-6)
+            # A weak network far from its minimum needs the least damping that still carries it: finer steps from now.
+            damping, fall = max(damping * 4, 1e-6), 10.0
     # The equations at the minimum give the covariance, and with it a last step.
     loose = _datum_points(network) if datum_points is None else datum_points
     free = ways[0].shape[1] if len(loose) >= 3 else 0

@@ -46,21 +46,21 @@ class InDatum:
     notes: tuple[str, ...]
 
 
-def in_datum(network: Network, ties: Ties, moments_px2: np.ndarray, certified: Certified) -> InDatum:
+def in_datum(network: Network, ties: Ties, certified: Certified, images_of: dict[int, int]) -> InDatum:
     """Bring a free network into the frame of known points, or centred over its own with the scale of what is certified.
 
-    What contradicts the rest (a unit, a misread certificate) is left out and named.
+    `images_of` tells in how many images each code was seen before any was left out. What contradicts the rest (a unit, a misread certificate) is left out and named.
     """
     notes: list[str] = []
     seen = np.bincount(network.point, minlength=len(ties.code))
     place = {int(code): k for k, code in enumerate(ties.code)}
     # A diameter's own network unit: what the discs' images show before anything is certified.
-    own, told = measured_radii(network, moments_px2), certified.radii(ties.code)
+    own, told = measured_radii(network, ties.moments_px2), certified.radii(ties.code)
     with np.errstate(invalid="ignore"):
         ratio = told / own
     by_diameter = float(np.nanmedian(ratio)) if np.isfinite(ratio).any() else None
 
-    bars, ratios = _usable_bars(network, certified, place, seen, notes)
+    bars, ratios = _usable_bars(network, certified, place, seen, images_of, notes)
     scale, scale_from = None, "nothing"
     known = _usable_known(network, certified, place, seen, notes)
     if len(known):
@@ -110,18 +110,22 @@ def in_datum(network: Network, ties: Ties, moments_px2: np.ndarray, certified: C
 
 
 def _usable_bars(
-    network: Network, certified: Certified, place: dict[int, int], seen: np.ndarray, notes: list[str]
+    network: Network,
+    certified: Certified,
+    place: dict[int, int],
+    seen: np.ndarray,
+    images_of: dict[int, int],
+    notes: list[str],
 ) -> tuple[list[ScaleBar], np.ndarray]:
     """Control bars both of whose ends are points, and certified over present length of each."""
     bars, ratios = [], []
     for bar in certified.bars:
         if bar.role != "control":
             continue
-        poor = [(c, int(seen[place[c]]) if c in place else 0) for c in bar.codes]
-        poor = [(c, times) for c, times in poor if times < LEAST_RAYS]
+        poor = [c for c in bar.codes if c not in place or seen[place[c]] < LEAST_RAYS]
         if poor:
-            said = " and ".join(f"code {c} in {'no image' if not k else 'one image only'}" for c, k in poor)
-            notes.append(f"the distance '{bar.name}' is left out: {said} can be used, and two are needed")
+            said = " and ".join(f"code {c} is in {images_of.get(c, 0)} image(s)" for c in poor)
+            notes.append(f"the distance '{bar.name}' is left out: {said}, and two that are joined are needed")
             continue
         a, b = (network.point_mm[place[c]] for c in bar.codes)
         bars.append(bar)

@@ -146,6 +146,7 @@ def free_network(
             f"no two images have {LEAST_COMMON} coded targets in common", "observations",
             "take images that overlap, with more codes in sight",
         )  # fmt: skip
+    images_of = dict(zip(ties.code.tolist(), np.bincount(ties.point, minlength=len(ties.code)).tolist(), strict=True))
     ties = _of_images(ties, group)
     start = start_from_nothing(ties, width_px, height_px, lens, focal_px)
     for i in np.flatnonzero(~start.reached):
@@ -154,7 +155,7 @@ def free_network(
     camera = Camera(start.interior, np.zeros(len(interior_names)), start.interior.parameters, u_aspect=SQUARE)
     network = loose_network(ties, start.interior, poses, points, camera)
     network, _ = free_what_is_determined(network, ties.stations, hold)
-    datum = in_datum(network, ties, ties.moments_px2, certified or Certified())
+    datum = in_datum(network, ties, certified or Certified(), images_of)
     job = Job(datum.network, ties, datum.radius_mm, datum.scale_from, (), tuple(said) + datum.notes)
     return settled(job, hold, empirical)
 
