@@ -15,6 +15,8 @@ OTHER_UNIT = 1.5
 """Two lengths that differ by more than this factor are not in the same unit."""
 DISAGREE = 0.02
 """Part by which two distances may disagree before the worse is left out of the scale."""
+AGREE = 5e-4
+"""Part of their extent by which certified places may miss the others before one of them is suspected."""
 ARBITRARY_MM = 1000.0
 """Greatest extent of a field whose scale nothing tells."""
 
@@ -148,19 +150,32 @@ def _usable_known(
         if spread[1] < 1e-3 * spread[0]:
             notes.append("the certified places lie on a line: the network is free")
             return []
-        scale, R, t = _similarity(here, target)
-        off = np.linalg.norm(scale * here @ R.T + t - target, axis=1)
-        # A few thousandths of the field: what an unfinished network may be bent by.
-        worst = int(np.argmax(off))
-        if off[worst] < max(6 * np.median(off), 5e-3 * spread[0], 6 * certified.known[codes[worst]][1].max()):
+        off = _misplaced(here, target, np.arange(len(codes)))
+        rest = [np.delete(np.arange(len(codes)), k) for k in range(len(codes))] if len(codes) > 3 else []
+        alone = [float(np.sqrt((_misplaced(here, target, r)[r] ** 2).mean())) for r in rest]
+        worst = int(np.argmin(alone)) if rest else 0
+        by_others = _misplaced(here, target, rest[worst])[worst] if rest else off.max()
+        allowed = max(AGREE * spread[0], 6 * certified.known[codes[worst]][1].max())
+        if by_others < allowed:
             return codes
-        if len(codes) == 3:
+        if not rest:
             break
-        notes.append(f"code {codes[worst]} is {off[worst]:.3g} mm off its certified place, which is not used")
+        if alone[worst] > 0.5 * np.sqrt((off**2).mean()):
+            # Nobody stands out: the network is bent, or all of them are as uncertain as this.
+            if off.max() < 20 * allowed:
+                return codes
+            break
+        notes.append(f"code {codes[worst]} is {by_others:.3g} mm off its certified place, which is not used")
         codes.pop(worst)
     if certified.known:
         notes.append("the certified places contradict each other: the network is free")
     return []
+
+
+def _misplaced(here: np.ndarray, target: np.ndarray, by: np.ndarray) -> np.ndarray:
+    """(k,) distances of points from their targets after the similarity that some of them (`by`) make."""
+    scale, R, t = _similarity(here[by], target[by])
+    return np.linalg.norm(scale * here @ R.T + t - target, axis=1)
 
 
 def _agreed(ratios: np.ndarray, by_diameter: float | None) -> float:

@@ -269,7 +269,7 @@ def free_what_is_determined(
         network.interior,
         np.where(free, np.inf, guessed),
         np.where(free, network.interior.parameters, centre),
-        SQUARE if square else np.inf,
+        limits["aspect"] if square else np.inf,
     )
     return replace(network, cameras=(camera,)), notes
 
@@ -337,7 +337,7 @@ def _said(group: tuple[str, ...]) -> str:
 def _held(group: tuple[str, ...], centre: np.ndarray, limits: dict[str, float], names: tuple[str, ...]) -> str:
     """What is done with a group that the images do not determine."""
     if group == ("aspect",):
-        return "is held at 1"
+        return f"is held to 1, +-{limits['aspect']:.2g}"
     at = "+-" + ", ".join(f"{limits[name]:.2g}" for name in dict.fromkeys(group))
     if group == ("fx", "fy"):
         return f"is held to its start, {centre[0]:.0f} +-{limits['fx']:.2g} px"
