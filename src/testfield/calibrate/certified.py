@@ -51,7 +51,8 @@ class InDatum:
 def in_datum(network: Network, ties: Ties, certified: Certified, images_of: dict[int, int]) -> InDatum:
     """Bring a free network into the frame of known points, or centred over its own with the scale of what is certified.
 
-    `images_of` tells in how many images each code was seen before any was left out. What contradicts the rest (a unit, a misread certificate) is left out and named.
+    `images_of` tells in how many images each code was seen before any was left out. What contradicts the rest (a unit,
+    a misread certificate) is left out and named.
     """
     notes: list[str] = []
     seen = np.bincount(network.point, minlength=len(ties.code))

@@ -1,6 +1,6 @@
 """Self-calibration: no boards, only numbered points and a scale bar; the free network with the lens in it.
 
-What the images cannot tell of the lens is named, and held to what anybody knows of a lens unseen: with that uncertainty,
+What images cannot tell of the lens is named, and held to what anybody knows of a lens unseen: with that uncertainty,
 not exactly, so that what is claimed of everything else is true. Which parameters those are is asked one group after
 another: a group is freed when all that is free is then known better than so.
 """
