@@ -6,11 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 from test_self_calibration import CAMERA, SIGMA_PX, calibrated, fitted, scene, ties_of
 
 from testfield.calibrate.certified import Certified
 from testfield.calibrate.self_calibration import free_network
 from testfield.chain.measure import certified_of, measure, with_dots
+from testfield.chain.run import Run
 from testfield.cli.main import main
 from testfield.detect.observations import MEASURED, Observations
 from testfield.detect.photograph import Found
@@ -18,6 +20,7 @@ from testfield.detect.target_spec import parse_target
 from testfield.errors import TestfieldError
 from testfield.reconstruct.points import Points
 from testfield.reconstruct.uncoded import match_dots
+from testfield.score.align import rigid_fit
 from testfield.targets.field_file import FieldFile, load_field_file
 
 REAL = Path(__file__).parents[1] / "../shared/real"
@@ -153,6 +156,36 @@ def test_without_dots_the_network_stays_as_it_is() -> None:
     whole, _ = observations_of(coded=60)
     found = calibrated(truth, ties_of(truth))
     assert with_dots(found, whole, ()) is found
+
+
+def test_frames_measured_as_photographs_are_as_true_as_claimed(
+    quick: Run, tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    (tmp_path / "quick.toml").write_text(
+        "[target]\nkind = 'ring14'\ndiameter_mm = 14\n"
+        "[[distances]]\nname = 'control bar'\ncodes = [101, 102]\nlength_mm = 900.0\nu_mm = 0.006\n"
+        "[[distances]]\nname = 'check bar'\ncodes = [111, 112]\nlength_mm = 700.0\nu_mm = 0.006\nrole = 'check'\n"
+    )
+    images, file = str(quick.folder / "frames"), str(tmp_path / "quick.toml")
+    assert main(["measure", images, "--field", file, "--out", str(tmp_path), "--json"]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    points = Points.load(tmp_path / "points.parquet")
+    true, code = quick.world.mark_world_mm, quick.world.marks.code
+    place = {int(c): k for k, c in enumerate(code) if c > 0}
+    coded = points.code > 0
+    R, t = rigid_fit(points.xyz_mm[coded], true[[place[int(c)] for c in points.code[coded]]])
+    distance, nearest = cKDTree(true).query(points.xyz_mm @ R.T + t)
+    # Every dot without a code is one of the field's, and none is there twice.
+    assert distance.max() < 0.3
+    assert len(np.unique(nearest)) == len(points)
+    assert (code[nearest] == np.maximum(points.code, 0)).all()
+    assert coded.sum() == 36
+    assert answer["uncoded"] >= 120
+    error, nees = fitted(replace(points, code=1 + nearest), replace(scene(), point_mm=true))  # type: ignore[arg-type]
+    assert np.sqrt((error**2).mean()) < 0.01
+    assert 0.8 < nees < 1.25  # 480 degrees of freedom
+    assert abs(answer["lengths"][1]["en"]) < 1.5
+    assert answer["lengths"][0]["en"] is None
 
 
 @real

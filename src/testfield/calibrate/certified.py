@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.spatial.distance import pdist
 
 from testfield.adjust.datum import aligned
 from testfield.adjust.network import EXACT_MM, Distances, Network
@@ -18,7 +19,7 @@ DISAGREE = 0.02
 AGREE = 5e-4
 """Part of their extent by which certified places may miss the others before one of them is suspected."""
 ARBITRARY_MM = 1000.0
-"""Greatest extent of a field whose scale nothing tells."""
+"""Largest distance between two points of a field whose scale nothing tells."""
 
 
 @dataclass(frozen=True)
@@ -90,11 +91,10 @@ def in_datum(network: Network, ties: Ties, certified: Certified, images_of: dict
         scale, scale_from = by_diameter, "diameters"
         notes.append("the scale is that of the dots' diameters, good to a few parts in a hundred: no distance is known")
     if scale is None:
-        extent = np.ptp(network.point_mm[seen >= LEAST_RAYS], axis=0).max()
-        scale = ARBITRARY_MM / extent
+        scale = ARBITRARY_MM / float(pdist(network.point_mm[seen >= LEAST_RAYS]).max())
         notes.append(
-            f"nothing tells the scale: it is arbitrary, the field's greatest extent being {ARBITRARY_MM:g} mm; "
-            "certify a distance between two codes"
+            "nothing tells the scale: it is arbitrary, the two codes that are farthest apart being about "
+            f"{ARBITRARY_MM:g} mm from each other; certify a distance between two codes"
         )
     network = aligned(network, target, points, True) if len(known) else _centred(network, seen, scale)
     if len(known):
