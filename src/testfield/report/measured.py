@@ -147,10 +147,10 @@ def point_plan(result: Measurement) -> bytes:
     """Points from above and from the side in their own frame, with enlarged ellipses of 95 %."""
     points = result.points
     span = max(float(np.ptp(points.xyz_mm, axis=0).max()), 1e-9)
-    size = float(np.sqrt(np.diag(points.cov_xyz_mm2).mean()))
-    factor = figures._round_up(0.02 * span / (K_95 * max(size, 1e-12)))
+    size = float(np.median(np.sqrt(np.diag(points.cov_xyz_mm2))))
+    factor = figures._round_up(0.006 * span / (K_95 * max(size, 1e-12)))
     coded = points.code > 0
-    with figure(6.1, 7.4, rows=2, sharex=True) as (drawing, both):
+    with figure(6.1, 7.4, rows=2) as (drawing, both):
         for axes, plane, title in zip(both, ((0, 1), (0, 2)), ("along z", "along y"), strict=True):
             at = points.xyz_mm[:, plane]
             for mask, colour, label in ((coded, ACCENT, "coded"), (~coded, WARM, "uncoded")):
@@ -159,11 +159,14 @@ def point_plan(result: Measurement) -> bytes:
                 block = points.cov_xyz_mm2[3 * k : 3 * k + 3, 3 * k : 3 * k + 3]
                 ring = figures._ellipse(block[np.ix_(plane, plane)], K_95 * factor) + at[k]
                 axes.plot(*ring.T, color=INK, lw=0.5, alpha=0.6)
-            axes.set_aspect("equal", adjustable="datalim")
+            margin = 0.06 * span
+            axes.set_xlim(at[:, 0].min() - margin, at[:, 0].max() + margin)
+            axes.set_ylim(at[:, 1].min() - margin, at[:, 1].max() + margin)
+            axes.set_aspect("equal")
             axes.set_xlabel(f"{'xyz'[plane[0]]}, mm")
             axes.set_ylabel(f"{'xyz'[plane[1]]}, mm")
             axes.set_title(f"{title}; ellipses of 95 %, {factor:g} times enlarged", loc="left")
-        both[0].legend(frameon=False, loc="upper right")
+        both[0].legend(loc="upper right", framealpha=0.9)
         return figures._svg(drawing)
 
 
