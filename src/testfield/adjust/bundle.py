@@ -91,7 +91,7 @@ def _adjust(
     whitening = np.linalg.inv(np.linalg.cholesky(network.cov_px2))
     weight = _weights(network, whitening) if robust else np.ones(len(network.point))
     chi2 = _chi2(network, whitening, weight)
-    damping, steps, converged = FIRST_DAMPING, 0, False
+    damping, fall, steps, converged = FIRST_DAMPING, 100.0, 0, False
     equations, ways = _equations(network, structure, whitening, weight)
     while steps < most_steps:
         steps += 1
@@ -105,7 +105,7 @@ def _adjust(
             if small < NEGLIGIBLE and damping < 1e-8:
                 converged = True
                 break
-            damping = damping / 100 if damping > 1e-12 else 0.0
+            damping = damping / fall if damping > 1e-12 else 0.0
             if robust:
                 weight = _weights(network, whitening)
                 chi2 = _chi2(network, whitening, weight)
@@ -114,7 +114,8 @@ def _adjust(
             converged = damping <= 1e8
             break
         else:
-            damping = max(damping * 100, 1e-6)
+            # A weak network far from its minimum needs the least damping that still carries it: finer steps from now.
+            damping, fall = max(damping * 4, 1e-6), 10.0
     # The equations at the minimum give the covariance, and with it a last step.
     loose = _datum_points(network) if datum_points is None else datum_points
     free = ways[0].shape[1] if len(loose) >= 3 else 0
@@ -155,6 +156,7 @@ def _freedom(network: Network, size: int, open_ways: int) -> int:
         known += sum(
             int(np.isfinite(u).sum()) for u, w in zip(network.known_boards.u, network.ways, strict=True) if w.size
         )
+    known += sum(bool(np.isfinite(c.u_aspect) and c.unknown[:2].any()) for c in network.cameras)
     unknowns = size - open_ways + 3 * len(np.setdiff1d(seen, kept))
     return 2 * len(network.xy_px) + len(network.distances) + known - unknowns
 
@@ -188,6 +190,7 @@ def _chi2(network: Network, whitening: np.ndarray, weight: np.ndarray) -> float:
         total = (weight[:, None] * white**2).sum() + np.einsum("ni,nij,nj->", off, network.information[used], off)
         for c in network.cameras:
             total += ((((c.known - c.interior.parameters) / c.u)[c.unknown]) ** 2).sum()
+            total += (c.aspect @ c.interior.parameters) ** 2
         if network.known_boards:
             moving = np.array([w.size > 0 for w in network.ways])
             off = network.known_boards.deviation(network.boards)[moving]

@@ -29,11 +29,13 @@ def on_plane(normal: np.ndarray) -> np.ndarray:
 @dataclass(frozen=True)
 class Camera:
     """An interior orientation as an unknown: `known` (p,) is what was known before with standard deviations `u` (p,):
-    0 holds a parameter, infinity leaves it free, anything between is a prior."""
+    0 holds a parameter, infinity leaves it free, anything between is a prior. `u_aspect` is the standard deviation
+    with which fy / fx is known to be 1."""
 
     interior: Interior
     u: np.ndarray
     known: np.ndarray
+    u_aspect: float = np.inf
 
     @staticmethod
     def of(interior: Interior, free: np.ndarray | None = None) -> "Camera":
@@ -45,6 +47,13 @@ class Camera:
     def unknown(self) -> np.ndarray:
         """(p,) which parameters are adjusted."""
         return self.u > 0
+
+    @property
+    def aspect(self) -> np.ndarray:
+        """(p,) what the parameters are multiplied with to give fy / fx - 1 in its standard deviations."""
+        row = np.zeros(len(self.u))
+        row[:2] = np.array([-1, 1]) / (self.u_aspect * self.known[0])
+        return row
 
 
 @dataclass(frozen=True)

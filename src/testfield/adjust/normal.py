@@ -53,6 +53,9 @@ class NormalEquations:
             weight = 1 / camera.u[camera.unknown] ** 2
             self.normal[columns, columns] += weight
             self.right[columns] += weight * (camera.known - camera.interior.parameters)[camera.unknown]
+            aspect = camera.aspect[camera.unknown]
+            self.normal[np.ix_(columns, columns)] += np.outer(aspect, aspect)
+            self.right[columns] -= aspect * (camera.aspect @ camera.interior.parameters)
         if network.known_boards:
             off = network.known_boards.deviation(network.boards)
             for b, (ways, weight) in enumerate(zip(network.ways, network.known_boards.information, strict=True)):

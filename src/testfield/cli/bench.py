@@ -12,8 +12,8 @@ def add(commands: Any) -> None:
     p.add_argument(
         "what", choices=("render", "detect", "recall", "adjust", "claims"),
         help="render: the fast renderer against plain path tracing; detect: centring against the physical limit; "
-        "recall: targets found and read in clutter; adjust: the bundle against Ceres and OpenCV; claims: claimed covariances against errors, over worlds drawn from "
-        "--scene, or over new exposures of --run",
+        "recall: targets found and read in clutter; adjust: the bundle against Ceres and OpenCV; claims: claimed "
+        "covariances against errors, over worlds drawn from --scene, or over new exposures of --run",
     )  # fmt: skip
     p.add_argument(
         "--targets", type=int, default=20000, metavar="N", help="recall: how many are rendered (default: 20000)"
@@ -168,8 +168,9 @@ def _adjust(args: argparse.Namespace) -> int:
     else:
         print(f"network    {ceres['images']} images, {ceres['points']} points, {ceres['observations']} observations")
         print(f"time with all covariances over Ceres' without any   {ceres['ratio']:.2f}")
-        print(f"           ours {ceres['ours_s']:.2f} s ({ceres['our_steps']} steps), of which without covariances "
-              f"{ceres['without_covariance_s']:.2f} s; Ceres {ceres['ceres_s']:.2f} s ({ceres['their_steps']} steps)")  # fmt: skip
+        print(f"           ours {ceres['ours_s']:.2f} s in {ceres['our_steps']} steps, covariances included")
+        print(f"           ours {ceres['without_covariance_s']:.2f} s without them")
+        print(f"           Ceres {ceres['ceres_s']:.2f} s in {ceres['their_steps']} steps")
         print(f"minimum    relative difference of the cost {ceres['relative_cost_difference']:.1e}")
     print(f"OpenCV     rms {opencv['opencv_rms_px']:.9f} px, ours {opencv['ours_rms_px']:.9f} px, "
           f"difference {opencv['difference_px']:.1e} px")  # fmt: skip

@@ -8,7 +8,8 @@ from importlib import import_module
 from testfield.errors import TestfieldError
 
 COMMANDS = (
-    "run", "stage", "detect", "uncertainty", "validate", "preview", "certify", "bench", "codes", "list", "schema",
+    "run", "stage", "detect", "measure", "uncertainty", "validate", "preview", "certify", "bench",
+    "codes", "list", "schema",
 )  # fmt: skip
 
 

@@ -29,7 +29,13 @@ def interior_difference(true: Interior, found: Interior, uv_px: np.ndarray) -> n
 
 
 def true_in_datum(world: World, board_names: tuple[str, ...]) -> tuple[Poses, Poses]:
-    """World-from-datum (1) and datum-from-board (B) true poses; the datum is the first of the named boards."""
+    """World-from-datum (1) and datum-from-board (B) true poses; the datum is the first of the named boards.
+
+    Of a free network, which names none, nobody knows the true datum: the world stands for it, and what is measured must
+    be fitted before it is compared.
+    """
+    if not board_names:
+        return Poses.identity(1), Poses.identity(0)
     names = [board.name for board in world.field.boards]
     order = np.array([names.index(name) for name in board_names])
     datum = world.world_from_board[order[:1]]
@@ -66,7 +72,7 @@ def score_camera(world: World, calibration: Calibration) -> dict:
 
 
 def score_boards(world: World, calibration: Calibration) -> dict:
-    """Board poses in the datum frame: shift of each board's marks, turn, NEES."""
+    """Board poses in the datum frame: shift of each board's marks, turn, NEES; none without boards."""
     _, true = true_in_datum(world, calibration.board_names)
     sheets = {sheet.name: sheet for sheet in world.field.boards}
     shifts, turns, moves, squares = [], [], [], []
@@ -86,7 +92,7 @@ def score_boards(world: World, calibration: Calibration) -> dict:
         moves.append(np.linalg.norm(error[3:]))
     return {
         "joined": len(calibration.board_names),
-        "pose_rms_mm": float(np.sqrt(np.mean(shifts))) if shifts else 0.0,
+        "pose_rms_mm": float(np.sqrt(np.mean(shifts))) if shifts else (0.0 if calibration.board_names else None),
         "names": list(calibration.board_names[1:]),
         "mark_shift_rms_mm": np.sqrt(shifts).tolist(),
         "translation_error_mm": [float(v) for v in moves],

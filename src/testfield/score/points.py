@@ -19,7 +19,8 @@ class PointScore:
 
     `code` (n,), true positions `true_mm`, errors `error_mm` in the datum frame and `fitted_mm` after the rigid fit, all
     (n, 3); `cov_mm2` (3n, 3n) claimed; `anees`, `anees_fitted` whole-network NEES per degree of freedom, without and
-    with the fit; `expected` how many check targets the field has.
+    with the fit; `expected` how many check targets the field has. In a free network (`free`) there is no true datum to
+    compare in: errors, covariance and figures are those after the fit, and `anees` is NaN.
     """
 
     code: np.ndarray
@@ -31,6 +32,7 @@ class PointScore:
     anees_fitted: float
     diagonal_mm: float
     expected: int
+    free: bool = False
 
     @property
     def u_mm(self) -> np.ndarray:
@@ -50,7 +52,7 @@ class PointScore:
             "measured": n,
             "fit": "6 parameters (rotation, translation), no scale",
             "rmse_mm": rmse,
-            "rmse_unfitted_mm": unfitted,
+            "rmse_unfitted_mm": None if self.free else unfitted,
             "worst_mm": float(np.linalg.norm(self.fitted_mm, axis=1).max(initial=0)),
             "mean_u_mm": float(np.sqrt((self.u_mm**2).mean())) if n else float("nan"),
             "relative_accuracy": self.diagonal_mm / rmse,
@@ -59,7 +61,8 @@ class PointScore:
             "anees": self.anees,
             "anees_band_95": [float(chi2.ppf(p, 3 * n) / (3 * n)) for p in (0.025, 0.975)] if n else None,
             "anees_fitted": self.anees_fitted,
-            "anees_note": "whole network, full covariance: e' C^-1 e over its degrees of freedom, without a fit",
+            "anees_note": "whole network, full covariance: e' C^-1 e over its degrees of freedom, "
+            + ("after the fit, for the datum is free" if self.free else "without a fit"),
         }
 
 
@@ -71,19 +74,27 @@ def score_points(world: World, calibration: Calibration, points: Points) -> Poin
     """Score the check targets."""
     truth = _true_positions(world, calibration, CHECK)
     rows = np.array([k for k, code in enumerate(points.code) if int(code) in truth], int)
+    free = not calibration.board_names
+    if free and len(rows) < 3:
+        rows = rows[:0]  # too few for a fit, without which nothing can be compared
     true = np.array([truth[int(code)] for code in points.code[rows]]).reshape(-1, 3)
     error = points.xyz_mm[rows] - true
     covariance = points.covariance_of(rows)
     fitted, anees, anees_fitted = error, float("nan"), float("nan")
-    if len(rows):
+    if len(rows) and not free:
         anees = float(error.ravel() @ np.linalg.solve(covariance, error.ravel()) / error.size)
     if len(rows) >= 3:
         R, t = rigid_fit(points.xyz_mm[rows], true)
         fitted = points.xyz_mm[rows] @ R.T + t - true
-        reduced = aligned_covariance(covariance, true)
+        # Turned as the points are: the datum of a free network may lie any way round.
+        turn = np.kron(np.eye(len(rows)), R)
+        covariance_there = turn @ covariance @ turn.T
+        reduced = aligned_covariance(covariance_there, true)
         anees_fitted = float(
             fitted.ravel() @ np.linalg.pinv(reduced, rcond=1e-10, hermitian=True) @ fitted.ravel() / (error.size - 6)
         )
+        if free:
+            error, covariance = fitted, reduced
     return PointScore(
         points.code[rows],
         true,
@@ -94,6 +105,7 @@ def score_points(world: World, calibration: Calibration, points: Points) -> Poin
         anees_fitted,
         world.field_diagonal_mm,
         len(truth),
+        free,
     )
 
 
@@ -120,7 +132,7 @@ def score_lengths(world: World, calibration: Calibration, points: Points) -> dic
     check = [bar["error_mm"] for bar in bars if bar["role"] == "check" and "error_mm" in bar]
     return {
         "check_error_mm": float(max(check, key=abs)) if check else None,
-        "scale_error_ppm": 1e6 * (calibration.scale - world_scale(world)),
+        "scale_error_ppm": 1e6 * (calibration.scale - world_scale(world)) if calibration.board_names else None,
         "u_scale_ppm": 1e6 * float(np.sqrt(calibration.covariance[i, i]))
         if (i := _scale_index(calibration)) is not None
         else None,

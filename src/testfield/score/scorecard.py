@@ -64,6 +64,8 @@ def ten_figures(card: dict[str, Any]) -> list[tuple[str, str]]:
     rows = []
     for title, key, form in TEN:
         value = figure(card, key)
+        if value is None and key == "points.anees":  # a free network: only fitted points can be compared
+            title, value = f"{title}, after the fit", figure(card, "points.anees_fitted")
         rows.append((title, "not measured" if value is None else form.format(value)))
     return rows
 

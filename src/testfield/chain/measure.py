@@ -1,0 +1,224 @@
+"""Photographs of a field that nobody rendered: detection, self-calibration, uncoded dots, and what is certified."""
+
+from collections import Counter
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from testfield.adjust.network import Images
+from testfield.calibrate.calibration import Calibration
+from testfield.calibrate.certified import Certified
+from testfield.calibrate.loose_discs import measured_radii
+from testfield.calibrate.self_calibration import FreeNetwork, Job, free_network, settled
+from testfield.calibrate.self_start import loose_network
+from testfield.calibrate.stitched import stitched
+from testfield.calibrate.ties import Ties, coded_ties
+from testfield.detect.observations import MEASURED, Observations
+from testfield.detect.photograph import Found
+from testfield.detect.target_spec import TargetSpec
+from testfield.errors import TestfieldError
+from testfield.reconstruct.points import Points
+from testfield.reconstruct.uncoded import match_dots
+from testfield.targets.field import Field, NominalBoard, ScaleBar
+from testfield.targets.field_file import FieldFile
+from testfield.targets.marks import Marks
+
+LEAST_TOLERANCE_PX, MOST_TOLERANCE_PX = 0.3, 3.0
+"""Within which a ray must meet others to be of the same dot: six times the reprojection's rms, but between these."""
+
+
+@dataclass(frozen=True)
+class Length:
+    """A certified distance as measured, with standard uncertainties; `en` of a check distance, None of one that made
+    the scale."""
+
+    name: str
+    role: str
+    codes: tuple[int, int]
+    certified_mm: float
+    u_certified_mm: float
+    measured_mm: float
+    u_measured_mm: float
+    en: float | None
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """What photographs gave: `observations` whose `point` is the row in `points`, `calibration`, `points` (codes, and
+    dots without one under negative numbers), `lengths`, `datum` in words."""
+
+    observations: Observations
+    calibration: Calibration
+    points: Points
+    lengths: tuple[Length, ...]
+    datum: str
+
+    @property
+    def uncoded(self) -> int:
+        """How many points have no code."""
+        return int((self.points.code < 0).sum())
+
+
+def certified_of(field: FieldFile) -> Certified:
+    """What a field file certifies."""
+    bars = tuple(ScaleBar(d.name, d.role, d.codes, d.length_mm, d.u_mm) for d in field.distances)
+    known = {}
+    for board in field.boards:
+        for place in board.points:
+            u = board.u_mm if place.u_mm is None else place.u_mm
+            known[place.code] = (np.array(place.xyz_mm), np.broadcast_to(np.asarray(u, float), 3).copy())
+    diameter = dict(field.target.diameters_mm)
+    if field.target.diameter_mm is not None:
+        diameter[0] = field.target.diameter_mm
+    return Certified(bars, known, diameter)
+
+
+def measure(
+    names: tuple[str, ...],
+    found: list[Found],
+    size_px: tuple[int, int],
+    field: FieldFile,
+    target: TargetSpec,
+    lens: str = "brown",
+    hold: tuple[str, ...] = (),
+    focal_px: float | None = None,
+) -> Measurement:
+    """Cameras and points from what was found in photographs of `size_px` (width, height), all by one camera."""
+    observations = Observations.join([one.observations for one in found], names)
+    if target.kind == "circles":
+        return _of_grid(observations, found, size_px, field, target, lens, hold)
+    ties, notes = coded_ties(observations)
+    certified = certified_of(field)
+    result = free_network(ties, *size_px, lens, hold, certified, focal_px, empirical=True, notes=notes)
+    result = with_dots(result, observations, hold)
+    points = Points(
+        "self", result.code, result.xyz_mm, result.cov_xyz_mm2, result.rays, result.residual_rms_px, result.rejected
+    )
+    place = {int(code): k for k, code in enumerate(result.code)}
+    named = np.full(len(observations), -1)
+    job = result.job
+    named[job.ties.row] = [place.get(int(c), -1) for c in job.ties.code[job.ties.point]]
+    lengths, said = _lengths(certified, points)
+    calibration = replace(result.calibration, notes=(*result.calibration.notes, *said))
+    return Measurement(replace(observations, point=named), calibration, points, lengths, _datum(result, field))
+
+
+def with_dots(result: FreeNetwork, observations: Observations, hold: tuple[str, ...]) -> FreeNetwork:
+    """The network with the dots that have no code, named by their rays; as it was where there are none."""
+    calibration, job = result.calibration, result.job
+    place = {name: k for k, name in enumerate(calibration.station_names)}
+    station = np.array([place.get(name, -1) for name in observations.stations], int)[observations.station]
+    finite = np.isfinite(observations.xy_px).all(axis=1) & np.isfinite(observations.cov_px2).all(axis=(1, 2))
+    row = np.flatnonzero((observations.status == MEASURED) & (observations.code == 0) & (station >= 0) & finite)
+    if not len(row):
+        return result
+    tolerance = float(np.clip(6 * calibration.reprojection_rms_px, LEAST_TOLERANCE_PX, MOST_TOLERANCE_PX))
+    with np.errstate(invalid="ignore"):
+        moments = np.nan_to_num(observations.moments_px2[row])
+        size = 2 * np.sqrt(np.maximum(np.linalg.eigvalsh(moments)[:, 1], 0))
+    dots = match_dots(
+        calibration.interior,
+        calibration.stations,
+        station[row],
+        observations.xy_px[row],
+        size,
+        result.xyz_mm,
+        tolerance,
+    )
+    if not len(dots.point_mm):
+        return result
+    sight, old = row[dots.sight], job.ties
+    ties = Ties(
+        old.stations,
+        np.concatenate([old.code, -1 - np.arange(len(dots.point_mm))]),
+        np.concatenate([old.image, station[sight]]),
+        np.concatenate([old.point, len(old.code) + dots.dot]),
+        np.concatenate([old.xy_px, observations.xy_px[sight]]),
+        np.concatenate([old.cov_px2, observations.cov_px2[sight]]),
+        np.concatenate([old.moments_px2, observations.moments_px2[sight]]),
+        np.concatenate([old.row, sight]),
+    )
+    network, n = job.network, len(dots.point_mm)
+    wider = replace(
+        loose_network(
+            ties, network.interior, network.stations, np.vstack([network.point_mm, dots.point_mm]), network.cameras[0]
+        ),
+        known_mm=np.vstack([network.known_mm, dots.point_mm]),
+        information=np.concatenate([network.information, np.zeros((n, 3, 3))]),
+        distances=network.distances, images=Images.one_camera(len(network.stations)),
+    )  # fmt: skip
+    radius = np.concatenate([job.radius_mm, measured_radii(wider, ties.moments_px2)[len(old.code) :]])
+    return settled(Job(wider, ties, radius, job.scale_from, job.rejected, job.notes), hold, True)
+
+
+def _lengths(certified: Certified, points: Points) -> tuple[tuple[Length, ...], list[str]]:
+    have, answer, notes = {int(c) for c in points.code}, [], []
+    for bar in certified.bars:
+        if not set(bar.codes) <= have:
+            if bar.role == "check":
+                notes.append(f"the check distance '{bar.name}' has an end that was not measured")
+            continue
+        a, b = points.rows(list(bar.codes))
+        length, u = points.distance(int(a), int(b))
+        en = (length - bar.length_mm) / (2 * np.hypot(u, max(bar.u_length_mm, 1e-9))) if bar.role == "check" else None
+        answer.append(
+            Length(
+                bar.name,
+                bar.role,
+                bar.codes,
+                bar.length_mm,
+                bar.u_length_mm,
+                length,
+                u,
+                None if en is None else float(en),
+            )
+        )
+    return tuple(answer), notes
+
+
+def _datum(result: FreeNetwork, field: FieldFile) -> str:
+    free = "the origin amid the points, z square to the plane that fits them best, x along the first image's rows"
+    return {
+        "control points": f"the frame of '{field.boards[0].name if field.boards else ''}', by its certified places",
+        "distances": f"free network over all points, scale from the certified distances: {free}",
+        "diameters": f"free network over all points, scale from the dots' diameters only: {free}",
+        "nothing": f"free network over all points in ARBITRARY SCALE: {free}",
+    }[result.scale_from]
+
+
+def _of_grid(
+    observations: Observations,
+    found: list[Found],
+    size_px: tuple[int, int],
+    field: FieldFile,
+    target: TargetSpec,
+    lens: str,
+    hold: tuple[str, ...],
+) -> Measurement:
+    """A camera from photographs of a flat grid of circles."""
+    if not (field.grid and target.columns and field.target.diameter_mm):
+        raise TestfieldError(
+            "a grid of circles needs its size, spacing and diameter",
+            "field file, target.kind, grid.spacing_mm, target.diameter_mm",
+            'write kind = "circles:10x8", diameter_mm and [grid] spacing_mm',
+        )
+    k = np.arange(target.columns * target.rows)
+    xy = field.grid.spacing_mm * np.column_stack([k % target.columns, k // target.columns]).astype(float)
+    marks = Marks(xy, np.full(len(k), field.target.diameter_mm), np.zeros(len(k), int), 14)
+    board = NominalBoard("grid", marks, field.grid.u_mm, field.grid.u_flat_mm)
+    place = np.concatenate([one.place for one in found])
+    on = (place[:, 0] >= 0) & (observations.status == MEASURED)
+    point = np.where(on, place[:, 1] * target.columns + place[:, 0], -1)
+    named = replace(observations, board=np.where(on, 0, -1), point=point)
+    sizes = Counter(tuple((one.place.max(axis=0, initial=-1) + 1).tolist()) for one in found)
+    odd = [s for s in sizes if s != (target.columns, target.rows)]
+    calibration = stitched(named, Field(14, (board,)), *size_px, lens, hold)
+    notes = (*calibration.notes, *(f"{sizes[s]} image(s) show a grid of {s[0]} x {s[1]} only" for s in odd))
+    empty = Points("stitched", *(np.zeros(s, t) for s, t in EMPTY))
+    return Measurement(
+        named, replace(calibration, notes=notes), empty, (), "the grid's own: origin in its first circle"
+    )
+
+
+EMPTY: tuple[tuple, ...] = ((0, int), ((0, 3), float), ((0, 0), float), (0, int), (0, float), (0, int))
+"""Shapes and types of the columns of no points."""

@@ -1,0 +1,106 @@
+"""`testfield measure IMAGE... --field FIELD.toml`: real photographs to coordinates with their covariance."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+
+def add(commands: Any) -> None:
+    """Enter the command."""
+    p = commands.add_parser(
+        "measure",
+        help="photographs of coded targets: camera, coordinates, lengths, with their covariance",
+        description="Photographs by one camera, of which nothing is known: targets are found, the camera calibrates "
+        "itself, dots without a code are named by their rays, and coordinates are reported with their covariance. The "
+        "field file names the targets and what is certified: places of codes, or distances between two of them.",
+    )
+    p.add_argument("images", type=Path, nargs="+", metavar="IMAGE", help="images, or folders of them")
+    p.add_argument("--field", type=Path, required=True, metavar="FIELD.toml", help="targets, and what is certified")
+    p.add_argument("--out", type=Path, metavar="FOLDER", help="where everything goes (default: renders/measure)")
+    p.add_argument("--lens", choices=("brown", "rational", "fisheye"), default="brown", help="lens model")
+    p.add_argument("--hold", default="", metavar="NAMES", help="lens coefficients held at zero: k3,p1,p2")
+    p.add_argument("--focal-px", type=float, metavar="PX", help="a first guess of the focal length; not needed")
+    p.add_argument("--bayer", metavar="ORDER", help="the images are raw mosaics: RGGB, BGGR, GRBG or GBRG")
+    p.add_argument("--smallest-px", type=float, default=5.0, metavar="PX", help="least diameter of a dot (default: 5)")
+    p.add_argument("--json", action="store_true", help="print one JSON object")
+    p.set_defaults(act=act)
+
+
+def act(args: argparse.Namespace) -> int:
+    """Detect, calibrate, write."""
+    import json
+    import sys
+    from collections import Counter
+    from dataclasses import replace
+
+    from testfield.camera.mosaic import ORDERS
+    from testfield.camera.photograph import read_photograph
+    from testfield.chain.files import disk_errors
+    from testfield.chain.measure import measure
+    from testfield.cli.detect import _images
+    from testfield.detect.photograph import AUTO, ON_BLACK, ON_WHITE, detect_in_photograph
+    from testfield.detect.target_spec import parse_target
+    from testfield.errors import TestfieldError
+    from testfield.report.measured import write_measurement
+    from testfield.report.photograph import draw_found
+    from testfield.targets.field_file import load_field_file
+
+    field = load_field_file(args.field)
+    target = parse_target(field.target.kind)
+    if target.kind not in ("ring", "circles"):
+        raise TestfieldError(
+            f"'{field.target.kind}' cannot be measured", f"{args.field}, target.kind", "ring codes and circle grids can"
+        )
+    if args.bayer is not None and args.bayer not in ORDERS:
+        raise TestfieldError(f"no Bayer order is called '{args.bayer}'", "--bayer", f"one of {', '.join(ORDERS)}")
+    if not 2 <= args.smallest_px <= 200:
+        raise TestfieldError(f"value {args.smallest_px}", "--smallest-px", "give 2 to 200")
+    if args.focal_px is not None and not args.focal_px > 0:
+        raise TestfieldError(f"value {args.focal_px}", "--focal-px", "give a focal length in pixels")
+    polarity = {None: AUTO, True: ON_BLACK, False: ON_WHITE}[field.target.white_on_black]
+    out = args.out or Path("renders/measure")
+    say = sys.stderr if args.json else sys.stdout
+    names: list[str] = []
+    found, sizes, trouble = [], [], []
+    for path in _images(args.images):
+        try:
+            photograph = read_photograph(path, args.bayer)
+        except TestfieldError as error:
+            print(f"testfield: {error.sentence()}", file=sys.stderr)
+            trouble.append(f"'{path.name}' cannot be read and is left out")
+            continue
+        if photograph.name in names:
+            count = next(k for k in range(2, len(names) + 3) if f"{photograph.name}-{k}" not in names)
+            photograph = replace(photograph, name=f"{photograph.name}-{count}")
+        one = detect_in_photograph(photograph, target, field.target.radii, polarity, args.smallest_px)
+        with disk_errors(out):
+            draw_found(photograph, one, out / f"{photograph.name}.png")
+        print(f"{path.name}: {one.summary}", file=say)
+        names.append(photograph.name)
+        found.append(one)
+        sizes.append((photograph.pixels.shape[1], photograph.pixels.shape[0]))
+    if not found:
+        raise TestfieldError("no image can be read", str(args.images[0]), "give photographs")
+    size = Counter(sizes).most_common(1)[0][0]
+    for name, other in zip(names, sizes, strict=True):
+        if other != size:
+            trouble.append(
+                f"image '{name}' is {other[0]} x {other[1]} px and the others {size[0]} x {size[1]}: it is of another "
+                "camera, or cropped, and is left out"
+            )
+    keep = [k for k, other in enumerate(sizes) if other == size]
+    hold = tuple(name.strip() for name in args.hold.split(",") if name.strip())
+    result = measure(
+        tuple(names[k] for k in keep), [found[k] for k in keep], size, field, target, args.lens, hold, args.focal_px
+    )
+    result = replace(result, calibration=replace(result.calibration, notes=(*trouble, *result.calibration.notes)))
+    with disk_errors(out):
+        summary = write_measurement(result, field, out, tuple(str(p) for p in args.images))
+    for title, value in summary["figures"]:
+        print(f"{title:<44}{value}", file=say)
+    for note in result.calibration.notes:
+        print(f"note: {note}", file=say)
+    print(f"coordinates, covariance and report in {out}", file=say)
+    if args.json:
+        print(json.dumps(summary))
+    return 0

@@ -1,0 +1,182 @@
+"""What photographs gave, as files and as a page: the report of a run without whatever needs the truth."""
+
+import base64
+import csv
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from testfield.calibrate.ties import point_name
+from testfield.chain.files import whole
+from testfield.chain.measure import Measurement
+from testfield.detect.observations import MEASURED
+from testfield.report import figures
+from testfield.report.style import ACCENT, INK, WARM, figure
+from testfield.targets.field_file import FieldFile
+
+TEMPLATE = Path(__file__).with_name("measured.html")
+PICTURE_WIDTH = 1240
+K_95 = 2.4477
+"""Of a plane's ellipse of 95 %."""
+
+
+def write_measurement(result: Measurement, field: FieldFile, folder: Path, images: tuple[str, ...]) -> dict:
+    """`observations.parquet`, `calibration.json`, `points.parquet`, `points.csv`, `measurement.json`, `report.html`;
+    returns what `measurement.json` holds."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, save in (
+        ("observations.parquet", result.observations.save),
+        ("calibration.json", result.calibration.save),
+        ("points.parquet", result.points.save),
+    ):
+        with whole(folder / name) as path:
+            save(path)
+    points = result.points
+    u = np.sqrt(np.diag(points.cov_xyz_mm2)).reshape(-1, 3)
+    with whole(folder / "points.csv") as path, path.open("w", newline="") as file:
+        table = csv.writer(file)
+        table.writerow(("point", "x_mm", "y_mm", "z_mm", "u_x_mm", "u_y_mm", "u_z_mm", "rays", "residual_rms_px"))
+        for k in range(len(points)):
+            numbers = [f"{v:.5f}" for v in (*points.xyz_mm[k], *u[k])]
+            table.writerow(
+                (point_name(int(points.code[k])), *numbers, points.rays[k], f"{points.residual_rms_px[k]:.4f}")
+            )
+    summary = {
+        "field": field.name,
+        "images": list(result.observations.stations),
+        "joined": list(result.calibration.station_names),
+        "datum": result.datum,
+        "figures": _figures(result),
+        "interior": result.calibration.interior.to_json(),
+        "interior_u": _interior_u(result),
+        "reprojection_rms_px": result.calibration.reprojection_rms_px,
+        "sigma0": result.calibration.sigma0,
+        "points": len(points),
+        "uncoded": result.uncoded,
+        "lengths": [asdict(length) for length in result.lengths],
+        "rejected": list(result.calibration.rejected),
+        "notes": list(result.calibration.notes),
+    }
+    with whole(folder / "measurement.json") as path:
+        path.write_text(json.dumps(summary, indent=1))
+    with whole(folder / "report.html") as path:
+        path.write_text(_page(result, field, folder, images, u, summary))
+    return summary
+
+
+def _interior_u(result: Measurement) -> dict[str, float]:
+    c = result.calibration
+    own = [name for name in c.interior.names if name in c.labels]
+    return {name: float(np.sqrt(c.covariance[k, k])) for name, k in zip(own, c.index(own), strict=True)}
+
+
+def _figures(result: Measurement) -> list[tuple[str, str]]:
+    c, points = result.calibration, result.points
+    o = result.observations
+    seen = int((o.status == MEASURED).sum())
+    rows = [
+        ("images joined, of those given", f"{len(c.station_names)} of {len(o.stations)}"),
+        ("targets measured; used", f"{seen}; {c.used}"),
+        ("reprojection, rms", f"{c.reprojection_rms_px:.4f} px"),
+        ("scatter over claim (sigma0)", f"{c.sigma0:.2f}"),
+        ("focal length", f"{c.interior.fx:.2f} px"),
+    ]
+    if len(points):
+        u = np.sqrt(np.diag(points.cov_xyz_mm2)).reshape(-1, 3)
+        extent = float(np.linalg.norm(np.ptp(points.xyz_mm, axis=0)))
+        mean = float(np.sqrt((u**2).mean()))
+        rows += [
+            ("points: coded; uncoded", f"{len(points) - result.uncoded}; {result.uncoded}"),
+            ("claimed u of a coordinate, rms", f"{mean:.4f} mm"),
+            ("the field's diagonal over that", f"1 : {extent / max(mean, 1e-12):,.0f}"),
+        ]
+    worst = [length for length in result.lengths if length.en is not None]
+    if worst:
+        length = max(worst, key=lambda item: abs(item.en or 0))
+        rows.append(("check distance, measured minus certified", f"{length.measured_mm - length.certified_mm:+.4f} mm"))
+    return rows
+
+
+def _page(
+    result: Measurement, field: FieldFile, folder: Path, images: tuple[str, ...], u: np.ndarray, summary: dict
+) -> str:
+    from jinja2 import Environment, StrictUndefined
+
+    environment = Environment(undefined=StrictUndefined, autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    environment.filters["mm"] = lambda v: "–" if v is None else f"{v:.4f}"
+    environment.filters["short"] = lambda v: "–" if v is None else f"{v:.3g}"
+    o, c, points = result.observations, result.calibration, result.points
+    best = o.stations[int(np.bincount(o.measured.station, minlength=len(o.stations)).argmax())]
+    interior = [
+        (name, ("{:.3f}" if k < 4 else "{:.6g}").format(c.interior.parameters[k]), summary["interior_u"].get(name))
+        for k, name in enumerate(c.interior.names)
+    ]
+    places = c.stations.origin_mm
+    stations = [
+        (name, *places[k], int((c_index == k).sum()))
+        for c_index in [_station_of(result)]
+        for k, name in enumerate(c.station_names)
+    ]
+    rows = [
+        (point_name(int(points.code[k])), *points.xyz_mm[k], *(1000 * u[k]), int(points.rays[k]),
+         float(points.residual_rms_px[k]))
+        for k in range(len(points))
+    ]  # fmt: skip
+    statuses, counts = np.unique(o.status.astype(str), return_counts=True)
+    return environment.from_string(TEMPLATE.read_text()).render(
+        field=field, result=result, figures=summary["figures"], best=best, notes=c.notes,
+        picture=_picture(folder / f"{best}.png"), plan=_svg(point_plan(result)) if len(points) else None,
+        residuals=_svg(figures.residual_map(c)), interior=interior, stations=stations, points=rows,
+        counts=sorted(zip(statuses.tolist(), counts.tolist(), strict=True), key=lambda row: -row[1]),
+        rejected=c.rejected, images=images,
+    )  # fmt: skip
+
+
+def _station_of(result: Measurement) -> np.ndarray:
+    """For each observation that belongs to a point, its place among the joined stations."""
+    o = result.observations
+    place = {name: k for k, name in enumerate(result.calibration.station_names)}
+    number = np.array([place.get(name, -1) for name in o.stations], int)
+    return number[o.station[o.point >= 0]]
+
+
+def point_plan(result: Measurement) -> bytes:
+    """Points from above and from the side in their own frame, with enlarged ellipses of 95 %."""
+    points = result.points
+    span = max(float(np.ptp(points.xyz_mm, axis=0).max()), 1e-9)
+    size = float(np.median(np.sqrt(np.diag(points.cov_xyz_mm2))))
+    factor = figures._round_up(0.006 * span / (K_95 * max(size, 1e-12)))
+    coded = points.code > 0
+    with figure(6.1, 7.4, rows=2) as (drawing, both):
+        for axes, plane, title in zip(both, ((0, 1), (0, 2)), ("along z", "along y"), strict=True):
+            at = points.xyz_mm[:, plane]
+            for mask, colour, label in ((coded, ACCENT, "coded"), (~coded, WARM, "uncoded")):
+                axes.scatter(*at[mask].T, s=7, color=colour, lw=0, label=label, zorder=5)
+            for k in range(len(points)):
+                block = points.cov_xyz_mm2[3 * k : 3 * k + 3, 3 * k : 3 * k + 3]
+                ring = figures._ellipse(block[np.ix_(plane, plane)], K_95 * factor) + at[k]
+                axes.plot(*ring.T, color=INK, lw=0.5, alpha=0.6)
+            margin = 0.06 * span
+            axes.set_xlim(at[:, 0].min() - margin, at[:, 0].max() + margin)
+            axes.set_ylim(at[:, 1].min() - margin, at[:, 1].max() + margin)
+            axes.set_aspect("equal")
+            axes.set_xlabel(f"{'xyz'[plane[0]]}, mm")
+            axes.set_ylabel(f"{'xyz'[plane[1]]}, mm")
+            axes.set_title(f"{title}; ellipses of 95 %, {factor:g} times enlarged", loc="left")
+        both[0].legend(loc="upper right", framealpha=0.9)
+        return figures._svg(drawing)
+
+
+def _picture(path: Path) -> str:
+    picture = np.asarray(cv2.imread(str(path)))
+    scale = min(1.0, PICTURE_WIDTH / picture.shape[1])
+    small = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    content = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, 85])[1].tobytes()
+    return f"data:image/jpeg;base64,{base64.b64encode(content).decode()}"
+
+
+def _svg(content: bytes) -> str:
+    return f"data:image/svg+xml;base64,{base64.b64encode(content).decode()}"

@@ -1,0 +1,109 @@
+"""What a person writes of a field that was photographed: its targets, and what is certified of it (TOML)."""
+
+import json
+import tomllib
+from pathlib import Path
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from testfield.errors import TestfieldError
+
+Triple = tuple[float, float, float]
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class TargetPart(_Part):
+    """The kind of target, as `testfield detect --target` names it, and how large its dots are."""
+
+    kind: str = Field(description="ring14 and the like, or circles:10x8.")
+    radii: Literal["1:2:3", "1:2.5:4"] = Field("1:2:3", description="Shape of the ring codes.")
+    white_on_black: bool | None = Field(None, description="Bright dots on dark ground; absent, whichever is found.")
+    diameter_mm: float | None = Field(None, gt=0, description="Diameter of all dots that are not listed.")
+    diameters_mm: dict[int, float] = Field(default_factory=dict, description="Diameters by code.")
+
+
+class PlacePart(_Part):
+    """A certified place of a code."""
+
+    code: int = Field(ge=1)
+    xyz_mm: Triple
+    u_mm: float | Triple | None = Field(None, description="Standard uncertainty of the coordinates, or of each.")
+
+
+class BoardPart(_Part):
+    """Certified coordinates of codes in one frame, which becomes the frame of the result."""
+
+    name: str = "board"
+    u_mm: float = Field(0.0, ge=0, description="Standard uncertainty of every coordinate that has none of its own.")
+    points: tuple[PlacePart, ...] = Field(min_length=3)
+
+    @model_validator(mode="after")
+    def _once(self) -> "BoardPart":
+        codes = [p.code for p in self.points]
+        twice = sorted({c for c in codes if codes.count(c) > 1})
+        if twice:
+            raise ValueError(f"code {twice[0]} is listed twice")
+        return self
+
+
+class DistancePart(_Part):
+    """A certified distance between two codes."""
+
+    name: str = "bar"
+    codes: tuple[int, int]
+    length_mm: float = Field(gt=0)
+    u_mm: float = Field(0.0, ge=0, description="Standard uncertainty of the length.")
+    role: Literal["control", "check"] = Field("control", description="`check` is compared and makes no scale.")
+
+    @model_validator(mode="after")
+    def _two(self) -> "DistancePart":
+        if self.codes[0] == self.codes[1]:
+            raise ValueError("both ends have the same code")
+        return self
+
+
+class GridPart(_Part):
+    """A flat grid of circles, which calibrates the camera as a board of known dots does."""
+
+    spacing_mm: float = Field(gt=0)
+    u_mm: float = Field(0.0, ge=0, description="Standard uncertainty of each dot's place in the plane.")
+    u_flat_mm: float = Field(0.0, ge=0, description="Standard uncertainty of each dot's height.")
+
+
+class FieldFile(_Part):
+    """A field file."""
+
+    name: str = "field"
+    target: TargetPart
+    boards: tuple[BoardPart, ...] = Field((), max_length=1, description="At most one: a result has one frame.")
+    distances: tuple[DistancePart, ...] = ()
+    grid: GridPart | None = None
+
+
+def load_field_file(path: Path) -> FieldFile:
+    """Read a field file. Raises `TestfieldError` that names the file, the field and the value."""
+    try:
+        data = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+    except OSError as error:
+        raise TestfieldError(
+            f"cannot be read ({error.strerror})", str(path), "give a field file with --field"
+        ) from error
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise TestfieldError(f"not valid TOML ({error})", str(path), "see scenes/README.md") from error
+    try:
+        return FieldFile.model_validate(data)
+    except ValidationError as error:
+        first, *rest = sorted(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
+        place = "".join(f"[{k}]" if isinstance(k, int) else f".{k}" for k in first["loc"]).lstrip(".") or "file"
+        value = json.dumps(first["input"], default=str)
+        value = value if len(value) <= 60 else value[:57] + "..."
+        more = f" (and {len(rest)} more)" if rest else ""
+        what = {
+            "extra_forbidden": f"unknown field (value {value})",
+            "missing": "this field is required",
+        }.get(first["type"], f"value {value}: {first['msg'].removeprefix('Value error, ')}")
+        raise TestfieldError(what + more, f"{path}, {place}", "see scenes/README.md, field files") from error

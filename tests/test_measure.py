@@ -1,0 +1,224 @@
+"""Photographs measured without any scene: field files, dots without a code, real photographs."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+from test_self_calibration import CAMERA, SIGMA_PX, calibrated, fitted, scene, ties_of
+
+from testfield.calibrate.certified import Certified
+from testfield.calibrate.self_calibration import free_network
+from testfield.chain.measure import certified_of, measure, with_dots
+from testfield.chain.run import Run
+from testfield.cli.main import main
+from testfield.detect.observations import MEASURED, Observations
+from testfield.detect.photograph import Found
+from testfield.detect.target_spec import parse_target
+from testfield.errors import TestfieldError
+from testfield.reconstruct.points import Points
+from testfield.reconstruct.uncoded import match_dots
+from testfield.score.align import rigid_fit
+from testfield.targets.field_file import FieldFile, load_field_file
+
+REAL = Path(__file__).parents[1] / "../shared/real"
+real = pytest.mark.skipif(not REAL.is_dir(), reason="the real photographs (../shared/real) are not here")
+RING = {"target": {"kind": "ring14"}}
+
+
+def observations_of(noise_px: float = SIGMA_PX, coded: int = 20, seed: int = 0) -> tuple[Observations, list[Found]]:
+    """Of the scene of `test_self_calibration`, with 60 points of which only the first have codes."""
+    truth = scene(points=60)
+    ties = ties_of(truth, noise_px, seed)
+    code = np.where(ties.point < coded, 1 + ties.point, 0)
+    n = len(code)
+    depth = truth.stations[truth.image].apply(truth.point_mm[truth.point])[:, 2]
+    moments = (0.5 * 10.0 * 4000 / depth)[:, None, None] ** 2 * np.eye(2)
+    whole = Observations(
+        ties.stations, ties.image, ties.xy_px, ties.cov_px2, moments, code, np.full(n, -1), ties.point, np.ones(n),
+        np.full(n, MEASURED, object), False,
+    )  # fmt: skip
+    found = [
+        Found(
+            replace(part, stations=(name,), station=np.zeros(len(part), int), point=np.full(len(part), -1)),
+            np.full((len(part), 2), -1),
+            (),
+        )
+        for k, name in enumerate(ties.stations)
+        for part in [whole.take(ties.image == k)]
+    ]
+    return whole, found
+
+
+def field(**parts: object) -> FieldFile:
+    return FieldFile.model_validate(RING | parts)
+
+
+def test_dots_without_a_code_are_named_by_their_rays_and_join_the_network() -> None:
+    truth = scene(points=60)
+    whole, found = observations_of()
+    length = float(np.linalg.norm(truth.point_mm[0] - truth.point_mm[1]))
+    bar = {"name": "bar", "codes": [1, 2], "length_mm": length, "u_mm": 0.02}
+    result = measure(whole.stations, found, (4096, 3000), field(distances=[bar]), parse_target("ring14"))
+    points = result.points
+    assert (points.code > 0).sum() == 20
+    assert result.uncoded == 40
+    # Which of the true points each dot is, its observations say; none may be mixed.
+    here = result.observations.point >= 0
+    assert here.sum() == result.calibration.used
+    for k in range(len(points)):
+        assert len(np.unique(whole.point[result.observations.point == k])) == 1
+    owner = np.array([whole.point[result.observations.point == k][0] for k in range(len(points))])
+    as_coded = replace_codes(points, owner)
+    error, nees = fitted(as_coded, truth)  # type: ignore[arg-type]
+    assert np.abs(error).max() < 1
+    assert 0.75 < nees < 1.3  # 174 degrees of freedom
+
+
+def replace_codes(points: Points, owner: np.ndarray) -> Points:
+    return replace(points, code=1 + owner)
+
+
+def test_dots_that_lie_elsewhere_are_not_matched() -> None:
+    truth = scene(points=60)
+    rng = np.random.default_rng(1)
+    image = np.repeat(np.arange(8), 25)
+    xy = rng.uniform([0, 0], [4095, 2999], (200, 2))
+    dots = match_dots(CAMERA, truth.stations, image, xy, np.full(200, 6.0), truth.point_mm, 0.3)
+    assert len(dots.point_mm) <= 3
+
+
+def test_certified_places_hold_the_datum_and_a_wrong_one_is_named() -> None:
+    truth = scene()
+    ties = ties_of(truth, SIGMA_PX)
+    turn = np.array([[0, -1.0, 0], [1, 0, 0], [0, 0, 1]])
+    frame = truth.point_mm @ turn.T + [100, 200, 300]
+    known = {code: (frame[code - 1] + [0, 0, 40.0 * (code == 5)], np.full(3, 0.01)) for code in range(1, 9)}
+    found = free_network(ties, 4096, 3000, certified=Certified((), known))
+    assert found.scale_from == "control points"
+    assert "code 5 is" in " ".join(found.calibration.notes)
+    error = found.xyz_mm - frame[found.code - 1]
+    assert np.abs(error).max() < 0.5
+    nees = error.ravel() @ np.linalg.solve(found.cov_xyz_mm2, error.ravel()) / error.size
+    assert 0.4 < nees < 1.5
+
+
+def test_a_field_file_says_what_is_certified() -> None:
+    certified = certified_of(
+        FieldFile.model_validate(
+            {
+                "target": {"kind": "ring14", "diameter_mm": 5, "diameters_mm": {7: 9}},
+                "boards": [{"u_mm": 0.1, "points": [{"code": k, "xyz_mm": [k, 0, k * k]} for k in (1, 2, 3)]}],
+                "distances": [{"codes": [1, 2], "length_mm": 3, "u_mm": 0.5, "role": "check"}],
+            }
+        )
+    )
+    assert np.array_equal(2 * certified.radii(np.array([1, 7])), [5, 9])
+    assert np.array_equal(certified.known[2][0], [2, 0, 4])
+    assert np.array_equal(certified.known[2][1], [0.1] * 3)
+    assert certified.bars[0].role == "check"
+
+
+@pytest.mark.parametrize(
+    "text, words",
+    [
+        ("[target]\nkind = 'ring14'\ndiameter = 3", "target.diameter: unknown field"),
+        ("[target]\nkind = 'ring14'\n[[distances]]\ncodes=[1, 1]\nlength_mm=3", "both ends have the same code"),
+        ("[target]\nkind = 'ring14'\n[[distances]]\ncodes=[1, 2]\nlength_mm=-3", "distances[0].length_mm: value -3"),
+        ("name = 'x'", "target: this field is required"),
+        ("name = ", "not valid TOML"),
+    ],
+)
+def test_a_wrong_field_file_is_said_to_be_one(text: str, words: str, tmp_path: Path) -> None:
+    path = tmp_path / "field.toml"
+    path.write_text(text)
+    with pytest.raises(TestfieldError) as caught:
+        load_field_file(path)
+    assert words in str(caught.value)
+    assert "field.toml" in str(caught.value)
+
+
+def test_the_command_says_what_is_missing(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    assert main(["measure", "none.png", "--field", str(tmp_path / "none.toml")]) == 2
+    assert "none.toml" in capsys.readouterr().err
+    (tmp_path / "f.toml").write_text("[target]\nkind = 'aruco:DICT_4X4_50'\n")
+    assert main(["measure", "none.png", "--field", str(tmp_path / "f.toml")]) == 2
+    assert "cannot be measured" in capsys.readouterr().err
+    (tmp_path / "f.toml").write_text("[target]\nkind = 'ring14'\n")
+    assert main(["measure", str(tmp_path / "none.png"), "--field", str(tmp_path / "f.toml")]) == 2
+    assert "no image can be read" in capsys.readouterr().err
+
+
+def test_without_dots_the_network_stays_as_it_is() -> None:
+    truth = scene()
+    whole, _ = observations_of(coded=60)
+    found = calibrated(truth, ties_of(truth))
+    assert with_dots(found, whole, ()) is found
+
+
+def test_frames_measured_as_photographs_are_as_true_as_claimed(
+    quick: Run, tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    (tmp_path / "quick.toml").write_text(
+        "[target]\nkind = 'ring14'\ndiameter_mm = 14\n"
+        "[[distances]]\nname = 'control bar'\ncodes = [101, 102]\nlength_mm = 900.0\nu_mm = 0.006\n"
+        "[[distances]]\nname = 'check bar'\ncodes = [111, 112]\nlength_mm = 700.0\nu_mm = 0.006\nrole = 'check'\n"
+    )
+    images, file = str(quick.folder / "frames"), str(tmp_path / "quick.toml")
+    assert main(["measure", images, "--field", file, "--out", str(tmp_path), "--json"]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    points = Points.load(tmp_path / "points.parquet")
+    true, code = quick.world.mark_world_mm, quick.world.marks.code
+    place = {int(c): k for k, c in enumerate(code) if c > 0}
+    coded = points.code > 0
+    R, t = rigid_fit(points.xyz_mm[coded], true[[place[int(c)] for c in points.code[coded]]])
+    distance, nearest = cKDTree(true).query(points.xyz_mm @ R.T + t)
+    # Every dot without a code is one of the field's, and none is there twice.
+    assert distance.max() < 0.3
+    assert len(np.unique(nearest)) == len(points)
+    assert (code[nearest] == np.maximum(points.code, 0)).all()
+    assert coded.sum() == 36
+    assert answer["uncoded"] >= 120
+    error, nees = fitted(replace(points, code=1 + nearest), replace(scene(), point_mm=true))  # type: ignore[arg-type]
+    assert np.sqrt((error**2).mean()) < 0.01
+    assert 0.8 < nees < 1.25  # 480 degrees of freedom
+    assert abs(answer["lengths"][1]["en"]) < 1.5
+    assert answer["lengths"][0]["en"] is None
+
+
+@real
+def test_a_real_plate_is_measured(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    (tmp_path / "plate.toml").write_text("name = 'plate'\n[target]\nkind = 'ring14'\n")
+    images, file = str(REAL / "ring14_plate"), str(tmp_path / "plate.toml")
+    assert main(["measure", images, "--field", file, "--out", str(tmp_path), "--json"]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["reprojection_rms_px"] < 0.03
+    assert answer["sigma0"] < 2
+    assert len(answer["joined"]) == 3
+    assert any("arbitrary" in note for note in answer["notes"])
+    assert any("two images only" in note for note in answer["notes"])
+    points = Points.load(tmp_path / "points.parquet")
+    assert (points.code > 0).sum() >= 58
+    assert answer["uncoded"] >= 120
+    # All but three raised targets lie on a plate, and so do the dots nobody numbered.
+    flat = points.xyz_mm[~np.isin(points.code, [72, 73, 74])]
+    normal = np.linalg.svd(flat - flat.mean(axis=0))[2][2]
+    off = (flat - flat.mean(axis=0)) @ normal
+    assert np.std(off) < 0.2  # of an extent of about 1000
+    assert np.abs(off).max() < 1
+    assert points.xyz_mm[np.isin(points.code, [72, 73, 74])][:, 2].min() > 100
+    page = (tmp_path / "report.html").read_text()
+    assert "code 72" in page
+    assert "true" not in page.split("<main>")[1].split("Provenance")[0].split("base64")[0]
+
+
+@real
+def test_a_real_grid_of_circles_calibrates_as_opencv_does(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    (tmp_path / "grid.toml").write_text("[target]\nkind = 'circles:10x8'\ndiameter_mm = 15\n[grid]\nspacing_mm = 25\n")
+    images, file = str(REAL / "circle_grid"), str(tmp_path / "grid.toml")
+    assert main(["measure", images, "--field", file, "--out", str(tmp_path), "--hold", "k3", "--json"]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["reprojection_rms_px"] < 0.4755
+    assert answer["interior"]["fx"] == pytest.approx(456.96, abs=1.0)  # OpenCV's, circles' eccentricity modelled
