@@ -267,6 +267,30 @@ def test_corners_of_photographs_have_a_covariance_too(pattern: str, target: str)
     assert 0.5 < nees.mean() / 2 < 1.6  # few corners, and noise that is only estimated
 
 
+def test_a_mosaic_sensor_measures_corners_too() -> None:
+    world, sensor = built(CHARUCO), replace(sensor_of(), bayer="RGGB", bayer_response=(0.5, 1.0, 0.65))
+    frame = expose(rendered(CHARUCO)[0], sensor, 1)
+    found = detect(frame, world.field, "forward_model", 5.0).measured
+    assert len(found) > 15
+    assert np.median(found.chi2) < 1.5
+
+
+def test_a_board_of_which_the_image_shows_no_whole_corner_ends_nothing() -> None:
+    world, frame = built(CHARUCO), shots(CHARUCO)[0]
+    full = detect(frame, world.field, "forward_model", 5.0).measured
+    for height in range(40, int(full.xy_px[:, 1].max()), 40):
+        part = Frame(frame.station, np.ascontiguousarray(frame.pixels_dn[:height]), frame.sheet)
+        assert len(detect(part, world.field, "forward_model", 5.0).measured) <= len(full)
+
+
+def test_squares_alone_in_view_of_a_field_that_has_dots_too() -> None:
+    world, frame = built(CHARUCO), shots(CHARUCO)[0]
+    mixed = replace(world.field, loose={5: 10.0})
+    blank = Frame(frame.station, np.full_like(frame.pixels_dn, 800), frame.sheet)
+    assert len(detect(frame, mixed, "forward_model", 5.0).measured) > 15
+    assert len(detect(blank, mixed, "forward_model", 5.0).measured) == 0
+
+
 def test_a_light_gradient_moves_no_corner() -> None:
     """A rendered corner, no noise, a small window: under a gradient of 1 % a pixel the fit hardly moves."""
     world = built(CHARUCO)

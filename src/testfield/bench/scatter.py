@@ -71,6 +71,10 @@ def _bias(name: str, means: np.ndarray, variance: float, scale: float) -> dict[s
     return {f"{name}_seen": seen * scale, name: without * scale, f"{name}_band": [b * scale for b in band]}
 
 
+CERTAIN = 1e7
+"""Squares over variance beyond which chance is nothing."""
+
+
 def systematic(means: np.ndarray, variance: float) -> tuple[float, float, tuple[float, float]]:
     """The rms of means that each have a chance part of `variance`: as seen, less chance, and the band of the latter.
 
@@ -80,6 +84,8 @@ def systematic(means: np.ndarray, variance: float) -> tuple[float, float, tuple[
     squares = float(np.sum(means**2))
     seen = np.sqrt(squares / means.size)
     without = np.sqrt(max(squares / means.size - variance, 0))
+    if squares > CERTAIN * variance:  # there is no chance in it, and no distribution to ask
+        return float(seen), float(seen), (float(seen), float(seen))
 
     def by_centrality(probability: float) -> float:
         def off(centrality: float) -> float:

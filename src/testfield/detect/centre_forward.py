@@ -28,7 +28,8 @@ CX, CY, AXX, AXY, AYY, BLUR, CONTRAST, BACKGROUND, CONTRAST_X, CONTRAST_Y, BACKG
 GRADIENTS = slice(CONTRAST_X, BACKGROUND_Y + 1)
 ROUNDS = 12
 FIRST_BLUR_PX = 0.6
-BATCH = 16
+BATCH, MOST_PIXELS = 16, 120_000
+"""Dots that are fitted together, and the most pixels of all their windows: each has tens of derivatives."""
 _HARMLESS = np.array([0, 0, 2.0, 0, 2.0, 1.0, -1.0, 0, 0, 0, 0, 0])
 """Parameters that keep a lost dot from disturbing the others of its batch; its contrast says that it is lost."""
 CLEAR_OF_BLUR = 4.0
@@ -133,8 +134,9 @@ def window_batches(image: np.ndarray, theta: np.ndarray, radii: float = 1.0) -> 
     for size, count in np.unique(np.column_stack([half, points]), axis=0).astype(int):
         members = np.flatnonzero((half == size) & (points == count))
         offset = np.arange(-size, size + 1)
-        for first in range(0, len(members), BATCH):
-            rows = members[first : first + BATCH]
+        batch = max(1, min(BATCH, MOST_PIXELS // (2 * size + 1) ** 2))
+        for first in range(0, len(members), batch):
+            rows = members[first : first + batch]
             middle = np.rint(theta[rows, :2]).astype(int)
             x, y = middle[:, :1] + offset, middle[:, 1:] + offset
             within = ((y >= 0) & (y < height))[:, :, None] & ((x >= 0) & (x < width))[:, None, :]

@@ -61,11 +61,14 @@ def _centroids(
 
     a, b = (xy_px - origin).T
     q2 = _form(moments_px2, a, b) @ powers
-    if 2 * np.sqrt(np.linalg.eigvalsh(moments_px2).min()) * (RING_BEGINS - WINDOW) >= RING_CLEARANCE_PX:
-        use = inside & (q2 <= np.float32(WINDOW**2))  # no ring comes near
-    else:
-        q2 = _form(_at_half_threshold(values, inside, q2, powers, moments_px2), a, b) @ powers
-        use = inside & usable(np.sqrt(np.maximum(q2, 0)), x - a[:, None], y - b[:, None])
+    # Whether a ring may come near is asked of each dot by itself: no dot's value depends on which others there are.
+    near = 2 * np.sqrt(np.linalg.eigvalsh(moments_px2)[:, 0]) * (RING_BEGINS - WINDOW) < RING_CLEARANCE_PX
+    use = inside & (q2 <= np.float32(WINDOW**2))
+    if near.any():
+        tight = _at_half_threshold(values[near], inside[near], q2[near], powers, moments_px2[near])
+        q2[near] = _form(tight, a[near], b[near]) @ powers
+        at = x - a[near, None], y - b[near, None]
+        use[near] = inside[near] & usable(np.sqrt(np.maximum(q2[near], 0)), *at)
     inner, outer = ((use & part).astype(np.float32) for part in (q2 < 0.36, q2 > 1.44))
     black, white = (np.vecdot(values, part) / np.maximum(part @ powers[0], 1) for part in (outer, inner))
     threshold = ((black + white) / 2).astype(float)

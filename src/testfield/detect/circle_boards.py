@@ -16,7 +16,10 @@ def name_circles(
     A grid is named only where all of it is seen. A symmetric one is taken to stand upright.
     """
     board, point = np.full(len(xy_px), -1), np.full(len(xy_px), -1)
-    for b, sheet in enumerate(field.boards):
+    # The largest first: a small one would be found within it.
+    size = [0 if sheet.pattern is None else sheet.pattern.columns * sheet.pattern.rows for sheet in field.boards]
+    for b in sorted(range(len(size)), key=lambda b: -size[b]):
+        sheet = field.boards[b]
         if sheet.pattern is None or sheet.has_corners:
             continue
         left = np.flatnonzero(free & (board == -1))

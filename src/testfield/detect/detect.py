@@ -1,13 +1,13 @@
 """One frame to its observations: find, centre, decode, identify."""
 
-from dataclasses import astuple, dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
 from testfield.camera.images import Frame, InvertedSheet, SensorSheet
-from testfield.camera.mosaic import balanced
+from testfield.detect.bright import bright_marks
 from testfield.detect.centre import Centres
 from testfield.detect.centre_ring import Fitted, Rings, fit_with_rings
 from testfield.detect.circle_boards import name_circles
@@ -69,7 +69,7 @@ def detect(frame: Frame, field: Field, centroid: str, smallest_px: float) -> Obs
     plain = (targets.status == MEASURED) & (targets.code == PLAIN) & (board == -1)
     for outline in printed:
         inside = [cv2.pointPolygonTest(outline.astype(np.float32), xy, False) >= 0 for xy in targets.xy_px.tolist()]
-        targets.status[plain & inside] = "part of a tag or a square"
+        targets.status[plain & np.array(inside, bool)] = "part of a tag or a square"
     plain &= targets.status == MEASURED
     named, number = name_circles(targets.xy_px, _diameter(targets.moments_px2), plain, field)
     board, point = np.where(named >= 0, named, board), np.where(named >= 0, number, point)
@@ -177,6 +177,8 @@ def measure_targets(
         if centroid == WITH_RINGS:
             done = np.flatnonzero(fitted.centres.ok)
             centres.put(rows[done], Centres(**{name: values[done] for name, values in vars(fitted.centres).items()}))
+            # Alone such a dot would be centred with its ring's halo in it.
+            status[rows[~fitted.centres.ok]] = "its ring cannot be fitted"
         status[rows[_disagree(fitted, doubt[rows], by_contour)]] = "partly hidden or disturbed"
         affine[number[repeats(words, bits)]] = np.nan
     if by_contour:
@@ -188,7 +190,9 @@ def measure_targets(
             status[asked[(shape == what) & (code[asked] == PLAIN)]] = why
         good &= status == MEASURED
     else:
-        status[good & (code >= 0) & _disturbed(centres, good & (code >= 0))] = "partly hidden or disturbed"
+        for kind in (good & (code == PLAIN), good & (code > 0)):
+            others = kind if kind.sum() >= OTHERS else good & (code >= 0)
+            status[kind & _disturbed(centres, others)] = "partly hidden or disturbed"
     for what, why in (
         (CROWDED, "surroundings are not a target's"),
         (UNREADABLE, "ring cannot be read"),
@@ -241,18 +245,6 @@ def _full(centres: Centres, sheet: SensorSheet) -> np.ndarray:
     else:
         white = centres.background_dn + centres.contrast_dn
     return white >= NEARLY_FULL * sheet.saturation_dn
-
-
-def bright_marks(frame: Frame, white_on_black: bool) -> tuple[np.ndarray, SensorSheet]:
-    """The frame as float32 with bright marks, and the sheet that describes its noise."""
-    image, sheet = frame.pixels_dn.astype(np.float32), frame.sheet
-    if sheet.bayer:
-        image, gains = balanced(image, sheet.black_level_dn)
-        sheet = replace(sheet, balance=gains)
-    if white_on_black:
-        return image, sheet
-    inverted = InvertedSheet(*astuple(sheet))
-    return inverted.largest_dn - image, inverted
 
 
 def _drop_ring_parts(

@@ -85,12 +85,12 @@ def shapes(image_dn: np.ndarray, sheet: SensorSheet, xy_px: np.ndarray, moments_
     answer = np.full(len(xy_px), UNTOLD)
     level, scale = image_dn, 1
     diameter = 4 * np.maximum(np.linalg.det(moments_px2), 0) ** 0.25
-    while len(level):
+    while min(level.shape) >= 2:
         here = (diameter < LARGEST_PX * scale) & (diameter >= (LARGEST_PX * scale / 2 if scale > 1 else 0))
         if here.any():
             xy = (xy_px[here] + 0.5) / scale - 0.5
             answer[here] = _answer(harmonics(level, sheet, xy, moments_px2[here] / scale**2))
-        if (diameter < LARGEST_PX * scale).all():
+        if not (diameter >= LARGEST_PX * scale).any():
             return answer
         # A mean of four pixels has a quarter of the variance that the sheet says: for large dots that does no harm.
         even = level[: level.shape[0] // 2 * 2, : level.shape[1] // 2 * 2]

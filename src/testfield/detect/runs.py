@@ -64,7 +64,7 @@ def empty_mask(h: int, w: int) -> tuple[np.ndarray, np.ndarray]:
 
 def changes(line: np.ndarray) -> np.ndarray:
     """Places in a mask's memory where runs of pixels that are not 0 begin and end, in turn; a row is w + 1 long."""
-    return np.flatnonzero((line[1:] ^ line[:-1]).view(bool))
+    return np.flatnonzero(line[1:] != line[:-1])
 
 
 def runs_between(change: np.ndarray, w: int) -> Runs:

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 
 from testfield.camera.images import Frame, SensorSheet
+from testfield.detect.bright import bright_marks
 from testfield.detect.corner_model import FittedCorners, fit_corners, offsets_px
 from testfield.detect.observations import MEASURED, Observations
 from testfield.detect.opencv_boards import eight_bits
@@ -43,14 +44,14 @@ class _Seen:
 
 def detect_squares(frame: Frame, field: Field) -> tuple[Observations, list[np.ndarray]]:
     """All corners of all boards of squares and tags in one frame, and the outlines (m, 2) px of what is printed."""
-    image = frame.pixels_dn.astype(np.float32)
+    image, sheet = bright_marks(frame, True)
     read = _Reader(image)
     parts, outlines = [_observations(frame.station)], []
     for b, board in enumerate(field.boards):
         seen = read.board(board.pattern) if board.pattern is not None and board.has_corners else None
         if seen is None or board.pattern is None:
             continue
-        parts.append(_measure(image, frame.sheet, frame.station, b, board, seen))
+        parts.append(_measure(image, sheet, frame.station, b, board, seen))
         outlines.append(_outline(board.pattern, seen))
     return Observations.beside(parts), outlines
 
@@ -146,6 +147,8 @@ def _measure(
     height, width = image.shape
     inside = ((xy > 1) & (xy < [width - 2, height - 2])).all(axis=1) & (np.abs(np.linalg.det(axes)) > 1e-12)
     point, xy, axes = point[inside], xy[inside], axes[inside]
+    if len(point) == 0:
+        return _observations(station)
     # The quadrant between u and v: of crossing edges a white one, of a tag its own black one.
     if pattern.kind == "tags":
         signs = -SIDES[point % CORNERS_A_TAG]

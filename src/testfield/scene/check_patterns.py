@@ -29,6 +29,14 @@ def check_patterns(scene: SceneFile, world: World, source: str) -> None:
                     "give another first_tag" if len(pattern.tags) else "give it another number of columns",
                 )  # fmt: skip
             owners[name] = k
+        for j, other in enumerate(world.field.boards):
+            if j != k and other.pattern is not None and not len(pattern.tags) and other.pattern.kind == pattern.kind:
+                larger = tuple(sorted((other.pattern.columns, other.pattern.rows)))
+                if size != larger and all(a <= b for a, b in zip(size, larger, strict=True)):
+                    raise TestfieldError(
+                        f"this {pattern.kind} of {pattern.columns} x {pattern.rows} would be found within boards[{j}]",
+                        f"{source}, boards[{k}].pattern", "make it longer one way and shorter the other",
+                    )  # fmt: skip
         ink = scene.boards[k].ink or scene.paint.ink
         if pattern.has_corners and ink in ("retro", "luminous"):
             raise TestfieldError(

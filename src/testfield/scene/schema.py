@@ -280,8 +280,8 @@ class CheckerboardPart(_Part):
     """A checkerboard, black at its top left. One of columns and rows is odd, or nobody could tell which way is up."""
 
     kind: Literal["checkerboard"] = Field(description="Squares alone.")
-    columns: int = Field(ge=3, le=100, description="Squares in x.")
-    rows: int = Field(ge=3, le=100, description="Squares in y.")
+    columns: int = Field(ge=4, le=100, description="Squares in x.")
+    rows: int = Field(ge=4, le=100, description="Squares in y.")
     square_mm: PositiveFloat = Field(description="Side of a square.")
 
     @property
