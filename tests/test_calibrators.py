@@ -507,3 +507,11 @@ def test_a_scene_certifies_poses_as_well_as_it_says_and_changes_nothing_else() -
         rms_mm, rms_deg = np.sqrt(np.mean(np.square(shifts))), np.degrees(np.sqrt(np.mean(np.square(turns))))
         assert (rms_mm < 1e-9 and rms_deg < 1e-9) if u_mm == 0 else (0.2 < rms_mm < 1 and 0.008 < rms_deg < 0.04)
     assert all(board.pose is None for board in plain.field.boards)
+
+
+@pytest.mark.parametrize("method", ["gls", "midpoint", "ml", "bundle", "parametric_wls", "dlt"])
+def test_a_field_without_loose_targets_gives_no_points_and_no_error(method: str) -> None:
+    field = replace(sheet(bar=False), loose={})
+    rows = seen().take(seen().board >= 0)
+    found = find("reconstructors", method)(rows, calibrated("stitched", rows, field), field)
+    assert len(found.code) == 0

@@ -38,15 +38,16 @@ def bundle(observations: Observations, calibration: Calibration, field: Field) -
 def _of_calibration(solved: Solved) -> tuple[np.ndarray, np.ndarray]:
     """What the residuals of all points tell of the calibration's unknowns: normal matrix (P, P) and right side (P,)."""
     n, k = solved.sights.there.shape
+    unknowns = solved.rays.by_calibration.shape[-1]
     whitening = np.linalg.inv(np.linalg.cholesky(solved.sights.cov_px2))
     whitening = np.where(solved.sights.there[..., None, None], whitening, 0)
     J = (whitening @ solved.rays.by_point).reshape(n, 2 * k, 3)
-    G = (whitening @ solved.rays.by_calibration).reshape(n, 2 * k, -1)
+    G = (whitening @ solved.rays.by_calibration).reshape(n, 2 * k, unknowns)
     v = np.einsum("nkij,nkj->nki", whitening, solved.rays.residual_px).reshape(n, 2 * k)
     # Square to what the point itself explains.
     basis = np.linalg.qr(J)[0]
     left = G - basis @ (np.swapaxes(basis, 1, 2) @ G)
-    flat = left.reshape(2 * n * k, -1)
+    flat = left.reshape(2 * n * k, unknowns)
     return flat.T @ flat, flat.T @ v.ravel()
 
 

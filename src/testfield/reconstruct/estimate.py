@@ -94,8 +94,8 @@ def solve(sights: Sights, calibration: Calibration, method: Method) -> Solved:
 def pixel_covariance(sights: Sights, rays: Rays, calibration: Calibration) -> np.ndarray:
     """(n, k, 2, 2) covariance of each ray's residual in px: its own noise, and what the calibration leaves unknown."""
     n, k = sights.there.shape
-    flat = rays.by_calibration.reshape(2 * n * k, -1)
-    half = (flat @ calibration.covariance).reshape(n, k, 2, -1)
+    flat = rays.by_calibration.reshape(2 * n * k, len(calibration.labels))
+    half = (flat @ calibration.covariance).reshape(rays.by_calibration.shape)
     return sights.cov_px2 + half @ np.swapaxes(rays.by_calibration, -1, -2)
 
 
@@ -105,7 +105,9 @@ def sandwich(solved: Solved) -> tuple[np.ndarray, np.ndarray]:
     split = solved.gain.reshape(n, 3, k, 2)
     half = np.einsum("nikl,nklm->nikm", split, solved.sights.cov_px2).reshape(n, 3, 2 * k)
     own = half @ np.swapaxes(solved.gain, 1, 2)
-    return own, -(solved.gain @ solved.rays.by_calibration.reshape(n, 2 * k, -1)).reshape(3 * n, -1)
+    unknowns = solved.rays.by_calibration.shape[-1]
+    by_calibration = solved.gain @ solved.rays.by_calibration.reshape(n, 2 * k, unknowns)
+    return own, -by_calibration.reshape(3 * n, unknowns)
 
 
 def joint_covariance(own: np.ndarray, by_calibration: np.ndarray, calibration: Calibration) -> np.ndarray:

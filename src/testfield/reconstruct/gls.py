@@ -14,8 +14,10 @@ from testfield.targets.field import Field
 def all_together(sights: Sights, rays: Rays, calibration: Calibration) -> np.ndarray:
     """(n, 2k, 2k) inverses of blockdiag(t^2 Sigma_u) + G Sigma_theta G^T, the lines of a point all together."""
     n, k = sights.there.shape
-    G = (rays.to_line @ rays.by_calibration).reshape(n, 2 * k, -1)
-    covariance = (G.reshape(2 * n * k, -1) @ calibration.covariance).reshape(G.shape) @ np.swapaxes(G, 1, 2)
+    unknowns = len(calibration.labels)
+    G = (rays.to_line @ rays.by_calibration).reshape(n, 2 * k, unknowns)
+    half = (G.reshape(2 * n * k, unknowns) @ calibration.covariance).reshape(G.shape)
+    covariance = half @ np.swapaxes(G, 1, 2)
     own = rays.to_line @ sights.cov_px2 @ np.swapaxes(rays.to_line, -1, -2)
     own = np.where(sights.there[..., None, None], own, np.eye(2))
     blocks = covariance.reshape(n, k, 2, k, 2)

@@ -117,7 +117,7 @@ def rays_of(sights: Sights, calibration: Calibration, xyz_mm: np.ndarray) -> Ray
     by_calibration = np.zeros((n, k, 2, len(calibration.labels)))
     names = [name for name in interior.names if name in calibration.labels]
     chosen = [interior.names.index(name) for name in names]
-    by_calibration[..., calibration.index(names)] = by_interior.reshape(n, k, 2, -1)[..., chosen]
+    by_calibration[..., calibration.index(names)] = by_interior.reshape(n, k, 2, len(interior.names))[..., chosen]
     unknowns = np.array([calibration.index(calibration.station_unknowns(s)) for s in range(len(poses))])
     six = np.concatenate([-by_camera @ cross_matrix(turned), by_camera], axis=-1)
     index = unknowns[sights.station][:, :, None, :]
