@@ -48,7 +48,11 @@ class Solved:
 
 def reconstruct(observations: Observations, calibration: Calibration, field: Field, method: Method) -> Points:
     """Loose targets of the field as points with their joint covariance; rays that contradict others are rejected."""
-    solved = settle(sights_of(observations, calibration, field), calibration, method)
+    sights = sights_of(observations, calibration, field)
+    if not len(sights):  # a field without loose targets, or none of them seen
+        none = np.zeros(0, int)
+        return Points(method.name, none, np.zeros((0, 3)), np.zeros((0, 0)), none, np.zeros(0), none)
+    solved = settle(sights, calibration, method)
     own, by_calibration = sandwich(solved)
     return as_points(solved, method.name, joint_covariance(own, by_calibration, calibration))
 
