@@ -25,7 +25,7 @@ def code_digest(*modules: str) -> str:
     """Digest of the source of some modules, of all that they import of this package, and of package versions.
 
     A module of somebody else's package (an algorithm of one's own) counts with its own file. Files that lie beside a
-    module and are not Python, like the report's template, count with it.
+    module and are not Python, like the report's template, count with it; pages for people do not.
     """
     state = hashlib.sha256(repr([sys.version_info[:2], [package_version(name) for name in PACKAGES]]).encode())
     for path in sorted(sources(modules)):
@@ -43,7 +43,9 @@ def sources(modules: tuple[str, ...]) -> set[Path]:
             continue
         found.add(path)
         if ROOT in path.parents:
-            found |= {other for other in path.parent.iterdir() if other.is_file() and other.suffix != ".py"}
+            found |= {
+                other for other in path.parent.iterdir() if other.is_file() and other.suffix not in (".py", ".md")
+            }
             queue += [name for name in imports(path) if name.split(".")[0] == "testfield"]
     return found
 
