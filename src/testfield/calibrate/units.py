@@ -12,6 +12,8 @@ from testfield.targets.field import Field
 
 TOO_FAR = 1.5
 """A ratio of lengths beyond which no lens and no rough pose explains it."""
+DOTS_TOO_FAR = 5.0
+"""The same of dots against their spacing: blur and paint change sizes, but no unit is nearer to another."""
 BAR_TOO_FAR = 1.05
 """The same of a bar against adjusted boards."""
 LEAST_BASE = 0.05
@@ -61,7 +63,7 @@ def dots_fit_their_spacing(edges: Edges, rows: Observations, field: Field, notes
         enlarged = np.sqrt(np.abs(np.linalg.det(edges.homography[e])) / np.abs(depth) ** 3)
         expected = enlarged * sheet.marks.diameter_mm[rows.point[here]]
         ratios.setdefault(b, []).append(float(np.median(rows.diameter_px[here] / expected)))
-    wrong = {b: float(np.median(r)) for b, r in ratios.items() if abs(np.log(np.median(r))) > np.log(TOO_FAR)}
+    wrong = {b: float(np.median(r)) for b, r in ratios.items() if abs(np.log(np.median(r))) > np.log(DOTS_TOO_FAR)}
     for b, ratio in wrong.items():
         notes.append(
             f"the dots of board '{field.boards[b].name}' are {ratio:.3g} times as large against their spacing as its "
