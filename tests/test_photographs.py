@@ -13,6 +13,7 @@ import pytest
 
 from testfield.camera.photograph import photograph_of, read_photograph
 from testfield.cli.main import main
+from testfield.detect.circle_grid import order_grid
 from testfield.detect.noise import estimate_sheet
 from testfield.detect.photograph import ON_WHITE, detect_in_photograph
 from testfield.detect.target_spec import parse_target
@@ -231,3 +232,32 @@ def test_damaged_files_and_random_arrays_never_crash(tmp_path: Path) -> None:
             pixels = cv2.GaussianBlur(rng.normal(0, 1, shape), (0, 0), 3).astype(np.float32)
         detect_in_photograph(photograph_of("random", pixels), target)
     assert time.perf_counter() < deadline + 15
+
+
+def test_a_converters_numbers_are_counted_however_they_are_stored() -> None:
+    rng = np.random.default_rng(5)
+    eight = rng.integers(3, 250, (80, 90)).astype(np.uint8)
+    for stored in (eight.astype(np.uint16) * 257, (eight / 255).astype(np.float32), eight / 255.0):
+        photograph = photograph_of("p", stored)
+        assert np.array_equal(photograph.pixels, eight.astype(np.float32))
+        assert photograph.bits == 8
+        assert any("multiples" in note for note in photograph.notes)
+    shifted = photograph_of("p", eight.astype(np.uint16) * 16)
+    assert shifted.bits == 12
+    assert np.array_equal(photograph_of("p", eight.astype(np.uint16)).pixels, eight)  # nothing to count
+
+
+def test_a_mosaic_that_nobody_declared_is_noticed() -> None:
+    rng = np.random.default_rng(6)
+    grey = rng.uniform(900, 1000, (80, 90)).astype(np.uint16)
+    assert not any("mosaic" in note for note in photograph_of("p", grey).notes)
+    grey[::2, ::2] = grey[::2, ::2] // 2
+    assert any("mosaic" in note for note in photograph_of("p", grey).notes)
+
+
+def test_a_grid_within_a_larger_grid_is_not_named() -> None:
+    xy = np.stack(np.meshgrid(np.arange(10) * 30.0, np.arange(8) * 30.0), -1).reshape(-1, 2) + 40
+    diameter = np.full(80, 14.0)
+    assert (order_grid(xy, diameter, 10, 8) >= 0).all()
+    assert (order_grid(xy, diameter, 9, 8) < 0).all()
+    assert (order_grid(xy, diameter, 10, 7) < 0).all()

@@ -16,6 +16,11 @@ LUMA = (0.299, 0.587, 0.114)
 """Weights of red, green and blue in the grey image (ITU-R BT.601)."""
 FLOAT_TOP_DN = 50000.0
 """What the largest floating-point value becomes: below the end of 16 bits, for nothing says that it is saturated."""
+LEAST_MOSAIC, CHEQUERED = 64, 1.08
+"""Side in px of images that are asked whether they are mosaics, and by how much one kind of pixels must then be
+brighter than another."""
+MOST_STEPS = 5000
+"""Different values of a floating-point image beyond which they are not taken for a converter's."""
 OPENEXR = b"\x76\x2f\x31\x01"
 
 
@@ -78,7 +83,14 @@ def photograph_of(name: str, raw: np.ndarray, bayer: str | None = None) -> Photo
             grey = colours[..., 0]
     else:
         grey = raw.astype(np.float32)
-    if raw.dtype.kind == "f":
+    step = _step(raw)
+    if step:
+        grey = np.rint(grey / np.float32(step))
+        notes.append(f"values are multiples of {step:.6g}: steps of a converter, counted")
+    if step:
+        shifted = raw.dtype.kind == "u" and np.log2(step).is_integer()  # as cameras store 12 bits in 16
+        bits = 8 * raw.dtype.itemsize - int(np.log2(step)) if shifted else _bits_in_use(int(grey.max()), notes)
+    elif raw.dtype.kind == "f":
         grey, bits = _scaled(grey, notes), 16
     elif raw.dtype.kind in "ub" and raw.dtype.itemsize <= 2:
         bits = 8 if raw.dtype.itemsize == 1 else _bits_in_use(int(raw.max()), notes)
@@ -86,7 +98,28 @@ def photograph_of(name: str, raw: np.ndarray, bayer: str | None = None) -> Photo
         grey, bits = _scaled(grey, notes), 16
     if bayer is not None:
         grey = _balance(grey, bayer, notes)
+    elif raw.ndim == 2 and min(raw.shape) >= LEAST_MOSAIC:
+        gains = balanced(grey)[1]
+        if max(gains) > CHEQUERED * min(gains):
+            notes.append(f"looks like a Bayer mosaic; if it is one, say which ({', '.join(ORDERS)})")
     return Photograph(name, np.ascontiguousarray(grey, np.float32), bits, tuple(notes))
+
+
+def _step(raw: np.ndarray) -> float:
+    """The step of which all values of a grey image are multiples, 0 for none that matters: a converter's numbers stored
+    with more bits, or as parts of one. The noise of rounding to it must be known."""
+    if raw.ndim != 2 or raw.dtype == np.uint8 or raw.dtype.kind not in "uf":
+        return 0.0
+    values = np.unique(raw.ravel()[:: max(1, raw.size // 1_000_000)])
+    if raw.dtype.kind == "u":
+        common = int(np.gcd.reduce(values)) if len(values) > 2 else 1
+        return float(common) if common > 1 else 0.0
+    if len(values) < MOST_STEPS and len(values) > 16 and np.isfinite(values).all() and values[0] >= 0:
+        step = float(np.min(np.diff(values.astype(float))))
+        count = values.astype(float) / step
+        if count[-1] < 65536 and np.abs(count - np.rint(count)).max() < 0.05:
+            return step
+    return 0.0
 
 
 def _check_size(path: Path) -> None:

@@ -109,6 +109,8 @@ def _window(place: np.ndarray, inside: np.ndarray, wanted: set[tuple[int, int]])
         if full.shape[0] < columns or full.shape[1] < rows:
             continue
         whole = np.lib.stride_tricks.sliding_window_view(full, (columns, rows)).sum(axis=(2, 3)) == columns * rows
+        if whole.sum() > 1:  # a part of a larger grid, and nobody could say which
+            return np.zeros(len(place), bool)
         if whole.any():
             first = np.argwhere(whole)[0] + low
             keep = (place >= first).all(axis=1) & (place < first + [columns, rows]).all(axis=1)

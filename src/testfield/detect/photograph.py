@@ -81,6 +81,8 @@ def _dots(photograph: Photograph, target: TargetSpec, polarity: str, radii: str,
     place = np.full((len(targets.code), 2), -1)
     if target.kind == "circles":
         place = _grid_places(targets, target)
+        if target.columns and not (place >= 0).any():
+            notes.append(f"no grid of {target.columns} x {target.rows} dots, or one that is part of a larger grid")
     if targets.left_out:
         notes.append(f"{targets.left_out} blobs more than can be looked at were left out")
     numbers, count = np.unique(targets.code[targets.code > 0], return_counts=True)
