@@ -300,7 +300,8 @@ def test_the_small_sibling_obeys_the_law(tmp_path: Path) -> None:
     C = aligned_covariance(score.cov_mm2, score.true_mm)
     predicted, spread = np.sqrt(np.trace(C) / len(C)), np.sqrt(2 * np.trace(C @ C)) / np.trace(C)
     foretold = aligned_covariance(expected.cov_mm2, expected.true_mm)
-    assert predicted == pytest.approx(np.sqrt(np.trace(foretold) / len(foretold)), rel=0.3)
+    # Foretold is what the lamps' own light gives: what the room reflects adds contrast, most of all on lone cards.
+    assert 0.5 < predicted / np.sqrt(np.trace(foretold) / len(foretold)) < 1.1
     rmse = np.sqrt((score.fitted_mm**2).mean())
     assert abs((rmse / predicted) ** 2 - 1) < 3 * spread
     assert run.world.field_diagonal_mm / rmse > 300_000
