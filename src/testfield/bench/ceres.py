@@ -6,7 +6,7 @@ from time import perf_counter
 import numpy as np
 
 from testfield.adjust.network import Network
-from testfield.camera.pose import Poses
+from testfield.calibrate.as_colmap import as_reconstruction, free_bundle
 from testfield.errors import TestfieldError
 
 AS_COLMAP = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2")
@@ -34,33 +34,9 @@ def solve_with_ceres(network: Network) -> CeresResult:
         import pycolmap
     except ImportError as error:
         raise TestfieldError("pycolmap is not installed", do="pip install 'testfield[peers]'") from error
-    interior = network.interior
-    values = [float(interior.parameters[interior.names.index(name)]) for name in AS_COLMAP]
-    rebuilt = pycolmap.Reconstruction()
-    camera = pycolmap.Camera(
-        model="OPENCV", width=interior.width_px, height=interior.height_px, params=values, camera_id=1
-    )
-    rebuilt.add_camera_with_trivial_rig(camera)
-    numbers = [rebuilt.add_point3D(xyz, pycolmap.Track(), np.zeros(3, np.uint8)) for xyz in network.point_mm]
-    poses: Poses = network.camera_from_datum()
-    for k in range(len(network.images.station)):
-        rows = np.flatnonzero(network.image == k)
-        pose = pycolmap.Rigid3d(np.column_stack([poses.R[k], poses.t_mm[k]]))
-        image = pycolmap.Image(name=f"{k}", keypoints=network.xy_px[rows], camera_id=1, image_id=k + 1)
-        rebuilt.add_image_with_trivial_frame(image, pose)
-        for index, row in enumerate(rows):
-            rebuilt.add_observation(numbers[network.point[row]], pycolmap.TrackElement(k + 1, index))
-
-    options = pycolmap.BundleAdjustmentOptions()
-    options.refine_principal_point = True
-    options.print_summary = False
-    options.ceres.solver_options.function_tolerance = 1e-10
-    options.ceres.solver_options.gradient_tolerance = 1e-10
-    config = pycolmap.BundleAdjustmentConfig()
-    for k in range(len(network.images.station)):
-        config.add_image(k + 1)
-    config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
-    adjuster = pycolmap.create_default_bundle_adjuster(options, config, rebuilt)
+    rebuilt, numbers = as_reconstruction(pycolmap, network, "OPENCV", AS_COLMAP)
+    images = len(network.images.station)
+    adjuster = free_bundle(pycolmap, rebuilt, images, function_tolerance=1e-10, gradient_tolerance=1e-10)
     begin = perf_counter()
     summary = adjuster.solve()
     seconds = perf_counter() - begin

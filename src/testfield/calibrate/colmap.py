@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from testfield.adjust.network import Camera, Distances, Network
+from testfield.calibrate.as_colmap import as_reconstruction, free_bundle
 from testfield.calibrate.calibration import Calibration
 from testfield.calibrate.quality import board_quality, joints, residual_test
 from testfield.calibrate.rows import rejection, usable_rows
@@ -97,33 +98,10 @@ def _loose(start: Start) -> tuple[Network, tuple[np.ndarray, np.ndarray]]:
 
 def _solved(pycolmap: Any, network: Network, lens: str, own: Sequence[str]) -> Network:
     """The network at Ceres' minimum."""
-    interior = network.interior
-    values = [float(interior.parameters[interior.names.index(name)]) for name in own]
-    model = pycolmap.Reconstruction()
-    camera = pycolmap.Camera(
-        model=MODELS[lens][0], width=interior.width_px, height=interior.height_px, params=values, camera_id=1
-    )
-    model.add_camera_with_trivial_rig(camera)
-    numbers = [model.add_point3D(xyz, pycolmap.Track(), np.zeros(3, np.uint8)) for xyz in network.point_mm]
-    poses, count = network.stations, len(network.stations)
-    for k in range(count):
-        rows = np.flatnonzero(network.image == k)
-        pose = pycolmap.Rigid3d(np.column_stack([poses.R[k], poses.t_mm[k]]))
-        image = pycolmap.Image(name=f"{k}", keypoints=network.xy_px[rows], camera_id=1, image_id=k + 1)
-        model.add_image_with_trivial_frame(image, pose)
-        for index, row in enumerate(rows):
-            model.add_observation(numbers[network.point[row]], pycolmap.TrackElement(k + 1, index))
-    options = pycolmap.BundleAdjustmentOptions()
-    options.refine_principal_point = True
-    options.print_summary = False
-    for tolerance in ("function_tolerance", "gradient_tolerance", "parameter_tolerance"):
-        setattr(options.ceres.solver_options, tolerance, 1e-14)
-    options.ceres.solver_options.max_num_iterations = 300
-    config = pycolmap.BundleAdjustmentConfig()
-    for k in range(count):
-        config.add_image(k + 1)
-    config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
-    pycolmap.create_default_bundle_adjuster(options, config, model).solve()
+    interior, count = network.interior, len(network.stations)
+    model, numbers = as_reconstruction(pycolmap, network, MODELS[lens][0], own)
+    tight = dict.fromkeys(("function_tolerance", "gradient_tolerance", "parameter_tolerance"), 1e-14)
+    free_bundle(pycolmap, model, count, max_num_iterations=300, **tight).solve()
 
     parameters = np.zeros(len(interior.names))
     parameters[[interior.names.index(name) for name in own]] = model.camera(1).params
