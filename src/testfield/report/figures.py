@@ -127,6 +127,7 @@ def centre_errors(score: DetectionScore) -> bytes:
     with figure(6.1, 2.7, 2) as (drawing, (left, right)):
         reach = max(4 * float(np.median(np.abs(error))) / 0.6745, 1e-9)
         left.hist(error.clip(-reach, reach), bins=61, range=(-reach, reach), color=ACCENT, alpha=0.85)
+        left.locator_params(axis="x", nbins=5)
         left.set_xlabel("centre error, px (x and y)")
         left.set_ylabel("number")
         size = np.sqrt(score.nees)
