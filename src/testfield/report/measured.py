@@ -14,10 +14,10 @@ from testfield.chain.files import whole
 from testfield.chain.measure import Measurement
 from testfield.detect.observations import MEASURED
 from testfield.report import figures
+from testfield.report.pages import page
 from testfield.report.style import ACCENT, INK, WARM, figure
 from testfield.targets.field_file import FieldFile
 
-TEMPLATE = Path(__file__).with_name("measured.html")
 PICTURE_WIDTH = 1240
 K_95 = 2.4477
 """Of a plane's ellipse of 95 %."""
@@ -103,11 +103,6 @@ def _figures(result: Measurement) -> list[tuple[str, str]]:
 def _page(
     result: Measurement, field: FieldFile, folder: Path, images: tuple[str, ...], u: np.ndarray, summary: dict
 ) -> str:
-    from jinja2 import Environment, StrictUndefined
-
-    environment = Environment(undefined=StrictUndefined, autoescape=True, trim_blocks=True, lstrip_blocks=True)
-    environment.filters["mm"] = lambda v: "–" if v is None else f"{v:.4f}"
-    environment.filters["short"] = lambda v: "–" if v is None else f"{v:.3g}"
     o, c, points = result.observations, result.calibration, result.points
     best = o.stations[int(np.bincount(o.measured.station, minlength=len(o.stations)).argmax())]
     interior = [
@@ -126,8 +121,8 @@ def _page(
         for k in range(len(points))
     ]  # fmt: skip
     statuses, counts = np.unique(o.status.astype(str), return_counts=True)
-    return environment.from_string(TEMPLATE.read_text()).render(
-        field=field, result=result, figures=summary["figures"], best=best, notes=c.notes,
+    return page(
+        "measured.html", field=field, result=result, figures=summary["figures"], best=best, notes=c.notes,
         picture=_picture(folder / f"{best}.png"), plan=_svg(point_plan(result)) if len(points) else None,
         residuals=_svg(figures.residual_map(c)), interior=interior, stations=stations, points=rows,
         counts=sorted(zip(statuses.tolist(), counts.tolist(), strict=True), key=lambda row: -row[1]),

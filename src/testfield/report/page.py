@@ -13,6 +13,7 @@ from testfield.certify.certificate import floor_of
 from testfield.detect.observations import MEASURED, Observations
 from testfield.reconstruct.points import Points
 from testfield.report import figures
+from testfield.report.pages import page
 from testfield.scene.schema import SceneFile
 from testfield.scene.truth import Views
 from testfield.scene.world import World
@@ -20,13 +21,9 @@ from testfield.score.detection import score_detection
 from testfield.score.points import score_points
 from testfield.score.scorecard import ten_figures
 
-TEMPLATE = Path(__file__).with_name("page.html")
-
 
 def write_report(world: World, views: Views, scene: SceneFile, folder: Path, notes: dict[str, Any], path: Path) -> None:
     """Write the page of a run's folder."""
-    from jinja2 import Environment, StrictUndefined
-
     card = json.loads((folder / "scorecard.json").read_text())
     observations = Observations.load(folder / "observations.parquet")
     calibration = Calibration.load(folder / "calibration.json")
@@ -35,12 +32,8 @@ def write_report(world: World, views: Views, scene: SceneFile, folder: Path, not
     name = _telling_station(observations)
     frame = Frame.load(folder / f"frames/{name}.png")
 
-    environment = Environment(undefined=StrictUndefined, autoescape=True, trim_blocks=True, lstrip_blocks=True)
-    environment.filters["num"] = lambda v, form: "–" if v is None else form % v
-    environment.filters["mm"] = lambda v: "–" if v is None else f"{v:.4f}"
-    environment.filters["signed"] = lambda v: "–" if v is None else f"{v:+.4f}"
-    environment.filters["short"] = lambda v: "–" if v is None else f"{v:.3g}"
-    page = environment.from_string(TEMPLATE.read_text()).render(
+    html = page(
+        "page.html",
         scene=scene,
         card=card,
         ten=ten_figures(card),
@@ -61,7 +54,7 @@ def write_report(world: World, views: Views, scene: SceneFile, folder: Path, not
         certificate=floor_of(folder),
         images=_making_rows(notes.get("images", {})),
     )
-    path.write_text(page)
+    path.write_text(html)
 
 
 def _making_rows(images: dict[str, dict]) -> list[str]:

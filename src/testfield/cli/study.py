@@ -1,0 +1,43 @@
+"""`testfield study NAME`: one of the thesis' claims, put to the test on rendered experiments."""
+
+import argparse
+import os
+from pathlib import Path
+from typing import Any
+
+
+def add(commands: Any) -> None:
+    """Enter the command."""
+    p = commands.add_parser(
+        "study", help="put one of the thesis' claims to the test on rendered experiments", description=__doc__
+    )
+    p.add_argument("name", metavar="NAME", help="wls, grey, fitting_point or stitching")
+    p.add_argument("--quick", action="store_true", help="a small version of the experiment, for a first look")
+    p.add_argument("--out", type=Path, metavar="FOLDER", help="default: renders/study-NAME, with --quick -quick")
+    p.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes (default: one a core)")
+    p.add_argument("--json", action="store_true", help="print the findings as one JSON object")
+    p.set_defaults(act=act)
+
+
+def act(args: argparse.Namespace) -> int:
+    """Do what is missing and print the verdict."""
+    import textwrap
+
+    from testfield.chain.files import disk_errors
+    from testfield.cli.show import jobs_of
+    from testfield.study.studies import find_study
+    from testfield.study.study import run_study
+
+    study = find_study(args.name)
+    folder = args.out or Path("renders") / f"study-{study.name}{'-quick' if args.quick else ''}"
+    with disk_errors(folder):
+        findings = run_study(study, folder, args.quick, jobs_of(args.jobs))
+    if args.json:
+        print((folder / "findings.json").read_text())
+        return 0
+    print(f"{study.title}\n\nclaim    {textwrap.fill(study.claim, 100, subsequent_indent=9 * ' ')}")
+    print(f"verdict  {textwrap.fill(findings.verdict, 100, subsequent_indent=9 * ' ')}\n")
+    for sentence in findings.sentences:
+        print(textwrap.fill(sentence, 108, initial_indent="- ", subsequent_indent="  "))
+    print(f"\n{folder / 'report.html'}")
+    return 0

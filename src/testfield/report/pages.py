@@ -1,0 +1,23 @@
+"""How every page is made: one folder of templates, one style, nothing undefined."""
+
+from pathlib import Path
+from typing import Any
+
+FILTERS = {
+    "num": lambda v, form: "–" if v is None else form % v,
+    "mm": lambda v: "–" if v is None else f"{v:.4f}",
+    "signed": lambda v: "–" if v is None else f"{v:+.4f}",
+    "short": lambda v: "–" if v is None else f"{v:.3g}",
+}
+
+
+def page(template: str, **values: Any) -> str:
+    """A page from the template of that name in this folder."""
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    environment = Environment(
+        loader=FileSystemLoader(Path(__file__).parent), undefined=StrictUndefined, autoescape=True, trim_blocks=True,
+        lstrip_blocks=True,
+    )  # fmt: skip
+    environment.filters.update(FILTERS)
+    return environment.get_template(template).render(**values)

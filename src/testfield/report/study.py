@@ -1,0 +1,47 @@
+"""A study's page, its figures as SVG and their data as CSV."""
+
+import io
+from pathlib import Path
+from typing import Any
+
+from markupsafe import Markup
+
+from testfield.chain.files import whole
+from testfield.report.pages import page
+from testfield.report.style import figure
+from testfield.study.study import Findings, Plot, Study, Table
+
+
+def write_page(study: Study, findings: Findings, failures: list[dict[str, Any]], folder: Path, quick: bool) -> None:
+    """Write `report.html`, and of every plot `NAME.svg` and `NAME.csv`."""
+    drawings = []
+    for plot in findings.plots:
+        svg = drawn(plot)
+        with whole(folder / f"{plot.name}.svg") as path:
+            path.write_bytes(svg)
+        with whole(folder / f"{plot.name}.csv") as path:
+            plot.data.to_csv(path, index=False)
+        drawings.append((plot, Markup(svg[svg.index(b"<svg") :].decode())))
+    html = page(
+        "study.html", study=study, findings=findings, drawings=drawings, failures=failures, quick=quick,
+        tables=[(table, Markup(as_html(table))) for table in findings.tables],
+    )  # fmt: skip
+    with whole(folder / "report.html") as path:
+        path.write_text(html)
+
+
+def drawn(plot: Plot) -> bytes:
+    """A plot as SVG, the same bytes for the same data."""
+    with figure(*plot.size_in, columns=plot.columns, rows=plot.rows) as (drawing, axes):
+        plot.draw(axes, plot.data)
+        file = io.BytesIO()
+        drawing.savefig(file, format="svg", metadata={"Date": None})
+        return file.getvalue()
+
+
+def as_html(table: Table) -> str:
+    """A table as HTML, an empty cell where there is no value."""
+    frame = table.frame.copy()
+    for column, form in table.formats.items():
+        frame[column] = [form.format(value) if value == value and value is not None else "–" for value in frame[column]]
+    return frame.to_html(index=False, border=0, na_rep="–", float_format=lambda value: f"{value:.4g}")

@@ -1,0 +1,159 @@
+"""The one function that does all studies' cases: cached, resumable, in as many processes as asked for.
+
+Cases of the same scene share a run's folder, and with it every stage that one of them has made; they are done by one
+process, one after the other, so that nothing is made twice. What a case found is kept in a file of its own, under the
+digest of the case and of the code it was measured with: after a kill, the next call does what is missing.
+"""
+
+import multiprocessing
+import os
+import signal
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
+from importlib import import_module
+from pathlib import Path
+from typing import Any, Protocol
+
+import pandas as pd
+import tomli_w
+
+from testfield.chain.code import code_digest
+from testfield.chain.files import digest, whole
+from testfield.chain.progress import bar
+from testfield.chain.run import Run, begin
+from testfield.errors import TestfieldError
+from testfield.study.cases import Case
+
+FAILURE = "failure"
+"""The column that says why a case gave no figures."""
+
+
+class Pool(Protocol):
+    """Where work runs: of `concurrent.futures`, and of Dask's client, only this is used."""
+
+    def submit(self, function: Callable[..., Any], /, *arguments: Any) -> Any:
+        """A future of the function's result."""
+
+
+def run_cases(cases: list[Case], folder: Path, jobs: int = 1, title: str = "cases") -> pd.DataFrame:
+    """All cases' rows, in the order of the cases, labels first; written to `folder`/results.parquet too.
+
+    A case that fails with a `TestfieldError` gives one row that says why under `failure`; it is tried again by the
+    next call. Any other error ends the study, with all finished cases kept.
+    """
+    keys = [case_key(case) for case in cases]
+    repeated = len(keys) - len(set(keys))
+    if repeated:
+        raise TestfieldError(f"{repeated} case(s) occur twice", str(folder), "give each case labels of its own")
+    todo: dict[str, list[int]] = {}
+    for k, case in enumerate(cases):
+        if not _file(folder, keys[k]).is_file():
+            todo.setdefault(run_name(case) or f"case {k}", []).append(k)
+    failed: dict[int, str] = {}
+    total = sum(case.weight for case in cases)
+    with bar(title, total, "cases" if total == len(cases) else "units") as move:
+        move(total - sum(cases[k].weight for places in todo.values() for k in places))
+        for places, reasons in _done(list(todo.values()), cases, keys, folder, jobs):
+            move(sum(cases[k].weight for k in places))
+            failed |= reasons
+    tables = []
+    for k, case in enumerate(cases):
+        found = pd.DataFrame([{FAILURE: failed[k]}]) if k in failed else pd.read_parquet(_file(folder, keys[k]))
+        own = {name: value for name, value in case.labels.items() if name not in found}
+        tables.append(pd.concat([pd.DataFrame(own, index=found.index), found], axis=1))
+    table = pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
+    with whole(folder / "results.parquet") as path:
+        table.to_parquet(path, index=False)
+    return table
+
+
+def case_key(case: Case) -> str:
+    """Digest of all that a case's rows depend on."""
+    return digest(case.labels, case.work, case.scene, case.options, code_digest(case.work.partition(":")[0]))
+
+
+def run_name(case: Case) -> str | None:
+    """The name of the run's folder that a case shares with all others of its scene."""
+    return None if case.scene is None else digest(case.scene)[:16]
+
+
+def do_case(case: Case, folder: Path) -> list[dict[str, Any]]:
+    """The rows of one case, its scene laid out below `folder`."""
+    module, _, name = case.work.partition(":")
+    return getattr(import_module(module), name)(case, None if case.scene is None else _run(case, folder))
+
+
+def _run(case: Case, folder: Path) -> Run:
+    place = folder / "runs" / str(run_name(case))
+    with whole(place / "case.toml") as path:
+        path.write_text(tomli_w.dumps(case.scene or {}))
+    run, _ = begin(place / "case.toml", place, None, 1)
+    return run
+
+
+def _group(cases: list[Case], keys: list[str], folder: Path) -> list[str | None]:
+    """Do cases that share a run; for each, why it failed or None."""
+    reasons: list[str | None] = []
+    for case, key in zip(cases, keys, strict=True):
+        try:
+            rows = do_case(case, folder)
+        except TestfieldError as error:
+            reasons.append(error.sentence())
+            continue
+        with whole(_file(folder, key)) as path:
+            pd.DataFrame(rows).to_parquet(path, index=False)
+        reasons.append(None)
+    return reasons
+
+
+def _done(
+    groups: list[list[int]], cases: list[Case], keys: list[str], folder: Path, jobs: int
+) -> Iterator[tuple[list[int], dict[int, str]]]:
+    """Groups as they are done, with the reasons of those cases that failed."""
+
+    def told(places: list[int], reasons: list[str | None]) -> tuple[list[int], dict[int, str]]:
+        return places, {k: reason for k, reason in zip(places, reasons, strict=True) if reason}
+
+    parts = [([cases[k] for k in places], [keys[k] for k in places], folder) for places in groups]
+    if jobs <= 1 or len(groups) <= 1:
+        for places, part in zip(groups, parts, strict=True):
+            yield told(places, _group(*part))
+        return
+    with local_pool(jobs) as pool:
+        waiting: dict[Future, list[int]] = {
+            pool.submit(_group, *part): places for places, part in zip(groups, parts, strict=True)
+        }
+        for future in as_completed(waiting):
+            yield told(waiting[future], future.result())
+
+
+@contextmanager
+def local_pool(jobs: int) -> Iterator[Pool]:
+    """Processes on this machine, one thread each; an interrupt is the parent's to handle."""
+    context = multiprocessing.get_context("spawn")  # the renderer's threads do not survive a fork
+    before = {name: os.environ.get(name) for name in THREADS}
+    os.environ.update({name: "1" for name in THREADS if name not in os.environ})
+    pool: Executor = ProcessPoolExecutor(jobs, context, initializer=_start)
+    try:
+        yield pool
+    except BaseException:
+        pool.shutdown(wait=False, cancel_futures=True)
+        raise
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+    pool.shutdown()
+
+
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+
+
+def _start() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.environ["TQDM_DISABLE"] = "1"
+
+
+def _file(folder: Path, key: str) -> Path:
+    return folder / "cases" / f"{key[:32]}.parquet"

@@ -1,0 +1,81 @@
+"""A study: a claim, the cases that put it to the test, and what is found."""
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from testfield.chain.files import whole
+from testfield.study.cases import Case
+from testfield.study.run_cases import FAILURE, run_cases
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table on the page: `frame` under `title`, numbers by pandas' `formats` (column to format string)."""
+
+    title: str
+    frame: pd.DataFrame
+    note: str = ""
+    formats: dict[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Plot:
+    """A figure on the page: `draw` (axes, data) draws `data`, which is kept as `name`.csv beside it.
+
+    `size_in` of the drawing; where `columns` or `rows` is more than 1, `draw` gets an array of axes.
+    """
+
+    name: str
+    title: str
+    caption: str
+    data: pd.DataFrame
+    draw: Callable[[Any, pd.DataFrame], None]
+    size_in: tuple[float, float] = (7.2, 3.8)
+    columns: int = 1
+    rows: int = 1
+
+
+@dataclass(frozen=True)
+class Findings:
+    """What a study found: the `verdict` in a sentence, `sentences` that answer its questions, tables and plots, and
+    the key `figures` by name."""
+
+    verdict: str
+    sentences: list[str]
+    tables: list[Table] = field(default_factory=list)
+    plots: list[Plot] = field(default_factory=list)
+    figures: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Study:
+    """A study by name: the thesis' `claim`, its `cases` (quick or whole), and how their table is `read`."""
+
+    name: str
+    title: str
+    claim: str
+    cases: Callable[[bool], list[Case]]
+    read: Callable[[pd.DataFrame], Findings]
+
+
+def run_study(study: Study, folder: Path, quick: bool, jobs: int) -> Findings:
+    """Do what is missing of a study's cases, and write its page, figures, their data and `findings.json`."""
+    from testfield.report.study import write_page
+
+    table = run_cases(study.cases(quick), folder, jobs, study.name)
+    good = table[table[FAILURE].isna()].drop(columns=FAILURE) if FAILURE in table else table
+    findings = study.read(good)
+    failures = table[table[FAILURE].notna()].to_dict("records") if FAILURE in table else []
+    summary = {
+        "study": study.name, "quick": quick, "claim": study.claim, "verdict": findings.verdict,
+        "sentences": findings.sentences, "figures": findings.figures, "cases": len(table), "failed": len(failures),
+    }  # fmt: skip
+    with whole(folder / "findings.json") as path:
+        path.write_text(json.dumps(summary, indent=1, default=float))
+    write_page(study, findings, failures, folder, quick)
+    return findings

@@ -1,0 +1,102 @@
+"""The one function that does all studies' cases."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pytest
+
+from testfield.chain.run import Run
+from testfield.chain.stages import run_stage
+from testfield.errors import TestfieldError
+from testfield.study.cases import Case, changed, scene_table
+from testfield.study.run_cases import run_cases
+from testfield.study.study import Findings, Plot, Study, Table, run_study
+
+DONE: list[Any] = []
+
+
+def count(case: Case, run: Run | None) -> list[dict[str, Any]]:
+    DONE.append(case.labels["n"])
+    if case.labels["n"] in case.options.get("killed", ()):
+        raise KeyboardInterrupt
+    if case.labels["n"] in case.options.get("hopeless", ()):
+        raise TestfieldError("nothing was seen", "here", "look")
+    return [{"square": case.labels["n"] ** 2, "row": k} for k in range(2)]
+
+
+def stations(case: Case, run: Run | None) -> list[dict[str, Any]]:
+    assert run is not None
+    return [
+        {"stations": len(run.stations), "made": run_stage(run, "render"), "read_noise_e": run.scene.sensor.read_noise_e}
+    ]
+
+
+def _cases(numbers: range, **options: Any) -> list[Case]:
+    return [Case({"n": n}, f"{__name__}:count", options=options) for n in numbers]
+
+
+def test_rows_come_in_the_order_of_the_cases_with_their_labels(tmp_path: Path) -> None:
+    table = run_cases(_cases(range(3)), tmp_path)
+    assert table["n"].tolist() == [0, 0, 1, 1, 2, 2] and table["square"].tolist() == [0, 0, 1, 1, 4, 4]
+    pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "results.parquet"), table)
+
+
+def test_after_a_kill_only_what_is_missing_is_done(tmp_path: Path) -> None:
+    whole = run_cases(_cases(range(4)), tmp_path / "whole")
+    # What is told to the work is part of the case, so the kill comes from outside it.
+    DONE.clear()
+    cases = _cases(range(4))
+    with pytest.raises(KeyboardInterrupt):
+        run_cases([*cases[:2], *_cases(range(2, 3), killed=[2])], tmp_path / "killed")
+    assert DONE == [0, 1, 2]
+    DONE.clear()
+    again = run_cases(cases, tmp_path / "killed")
+    assert DONE == [2, 3]
+    pd.testing.assert_frame_equal(again, whole)
+
+
+def test_a_case_that_fails_says_why_and_is_tried_again(tmp_path: Path) -> None:
+    cases = _cases(range(2), hopeless=[1])
+    table = run_cases(cases, tmp_path)
+    assert table["failure"].isna().sum() == 2 and "nothing was seen" in table["failure"].iloc[2]
+    DONE.clear()
+    run_cases(cases, tmp_path)
+    assert DONE == [1]
+
+
+def test_two_processes_find_what_one_finds(tmp_path: Path) -> None:
+    one, two = run_cases(_cases(range(4)), tmp_path / "one"), run_cases(_cases(range(4)), tmp_path / "two", jobs=2)
+    pd.testing.assert_frame_equal(one, two)
+
+
+def test_cases_of_one_scene_share_its_renders(tmp_path: Path) -> None:
+    scene = changed(scene_table(Path("scenes/quick.toml")), {"camera.width_px": 320, "camera.height_px": 240})
+    scene["stations"] = scene["stations"][:1]
+    scene = changed(scene, {"stations.0.count": 2, "sensor.read_noise_e": 7.0, "measure.smallest_diameter_px": 3})
+    table = run_cases([Case({"n": n}, f"{__name__}:stations", scene) for n in range(2)], tmp_path)
+    assert table["made"].tolist() == [True, False] and set(table["read_noise_e"]) == {7.0}
+
+
+def test_a_change_that_names_no_place_is_refused() -> None:
+    scene = {"boards": [{"name": "A"}], "seed": 3}
+    assert changed(scene, {"boards.0.bend": 2, "sensor.gain": 1})["boards"][0] == {"name": "A", "bend": 2}
+    assert scene == {"boards": [{"name": "A"}], "seed": 3}
+    for path in ("boards.1.bend", "seed.x", "boards.first.bend"):
+        with pytest.raises(TestfieldError, match="no such place"):
+            changed(scene, {path: 1})
+
+
+def test_a_study_writes_its_page_its_figures_and_their_data(tmp_path: Path) -> None:
+    def read(table: pd.DataFrame) -> Findings:
+        data = table[["n", "square"]]
+        plot = Plot("squares", "Squares", "As they grow.", data, lambda axes, d: axes.plot(d["n"], d["square"]))
+        return Findings("It holds.", ["Squares grow."], [Table("All", data)], [plot], {"largest": data["square"].max()})
+
+    study = Study("squares", "Squares", "They grow.", lambda quick: _cases(range(2 if quick else 3)), read)
+    run_study(study, tmp_path, True, 1)
+    page = (tmp_path / "report.html").read_text()
+    assert "It holds." in page and "<svg" in page and "testfield study squares --quick" in page
+    assert pd.read_csv(tmp_path / "squares.csv")["square"].tolist() == [0, 0, 1, 1]
+    assert json.loads((tmp_path / "findings.json").read_text())["figures"] == {"largest": 1.0}
