@@ -97,8 +97,9 @@ def test_the_grey_uncertainty_of_small_samples_is_biased_by_law_as_tabulated(law
 
 
 @pytest.mark.parametrize(
-    ("law", "ratio"), [("normal", 0.997), ("uniform", 1.083), ("triangular", 1.021), ("Laplace", 0.884), ("arcsine", 1.125)]
-)  # fmt: skip
+    ("law", "ratio"),
+    [("normal", 0.997), ("uniform", 1.083), ("triangular", 1.021), ("Laplace", 0.884), ("arcsine", 1.125)],
+)
 def test_the_grey_uncertainty_of_a_large_sample_is_another_part_of_sigma_for_every_law(law, ratio):
     found = sup_norm_uncertainty(LAWS[law](generator(5, law), (20, 100_000))).mean()
     assert found == pytest.approx(ratio, abs=0.0015)

@@ -1,8 +1,8 @@
 """Grey relational degrees: how alike the course of a factor is to that of a result, by seven published definitions.
 
 All take `reference` (..., n), the result, and `factors` (..., m, n), and return (..., m) degrees; leading axes are
-independent problems. None of them knows of chance, and all but the T-type are blind to sign. `deng` and `b_type` ask for
-sequences that were brought to one scale before: `mean_image`, `initial_image` or `range_image`.
+independent problems. None of them knows of chance, and all but the T-type are blind to sign. `deng` and `b_type` ask
+for sequences that were brought to one scale before: `mean_image`, `initial_image` or `range_image`.
 """
 
 from collections.abc import Callable
@@ -28,9 +28,7 @@ def range_image(sequence: np.ndarray) -> np.ndarray:
     return _divided(sequence - low, np.max(sequence, axis=-1, keepdims=True) - low, "range")
 
 
-def deng(
-    reference: np.ndarray, factors: np.ndarray, rho: float = 0.5, weights: np.ndarray | None = None
-) -> np.ndarray:
+def deng(reference: np.ndarray, factors: np.ndarray, rho: float = 0.5, weights: np.ndarray | None = None) -> np.ndarray:
     """Deng's degree: the mean (with `weights` (n,), their weighted mean) of his relational coefficients."""
     xi = deng_coefficients(reference, factors, rho)
     return xi.mean(axis=-1) if weights is None else xi @ (np.asarray(weights, float) / np.sum(weights))

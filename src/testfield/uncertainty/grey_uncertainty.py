@@ -28,7 +28,7 @@ def grey_coefficients(sample: np.ndarray, axis: int = -1) -> np.ndarray:
 
     Returns
     -------
-    (..., n - 1, ...) gaps (k mean - sum of the k smallest) / n, k = 1 ... n - 1, in the sample's unit; none is negative.
+    (..., n - 1, ...) gaps (k mean - sum of the k smallest) / n, k = 1 ... n - 1, in the sample's unit; none is below 0.
     """
     return np.maximum(_gaps(np.sort(_checked(sample, axis), axis=-1)), 0).swapaxes(axis, -1)
 
@@ -70,7 +70,7 @@ def bessel_bias(n: int) -> float:
 
 
 def unsorted_uncertainty(sample: np.ndarray, axis: int = -1) -> np.ndarray:
-    """2.5 times the largest gap of the values in the order in which they were measured: another order, another value."""
+    """2.5 times the largest gap of the values in the order they were measured in: another order, another value."""
     return SUP_NORM_FACTOR * np.abs(gaps_as_measured(sample, axis)).max(axis=axis)
 
 

@@ -1,0 +1,295 @@
+"""What the study of grey methods found of grey relational analysis."""
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from testfield.report.style import ACCENT, FAINT, INK, WARM
+from testfield.study.grey_factors import DUMMY, NAMES
+from testfield.study.grey_rankings import (
+    ACTS_P,
+    ANOVA,
+    FIRST,
+    GREY,
+    METHODS,
+    RANGE,
+    SPEARMAN,
+    TOTAL,
+    Runs,
+    agreement,
+    anova_table,
+    bootstrap,
+    degrees,
+    dummy_above,
+    dummy_with_offset,
+    explained,
+    in_other_orders,
+    places,
+    reversals,
+    sequences,
+    sweep_table,
+)
+from testfield.study.study import Findings, Plot, Table
+
+BOOTSTRAPS, ORDERS = 500, 200
+DISTURBED = ("absolute", "relative", "synthetic", "T-type", "slope", "B-type")
+"""Degrees that depend on the order of the runs."""
+HIT = ("radial distortion, 1e-3", "tangential distortion, 1e-4", "half convergence, deg", "image noise, e")
+"""What a published grey analysis of binocular vision found to matter most, every degree at least 0.859."""
+
+
+def read_relations(table: pd.DataFrame) -> Findings:
+    """Findings from the rows of the design's runs and of the sweeps."""
+    rows = table[table["part"] == "runs"]
+    design = rows[rows["set"] == "design"]
+    lost = design["lost"].fillna("") != ""
+    runs = Runs.of(design[~lost]).whole()
+    if not len(runs.rmse_mm):
+        reason = str(design["lost"][lost].iloc[0]) if lost.any() else "no run was made"
+        return Findings(f"No base row of the design is whole ({reason}).", [])
+    score = {name: method(runs) for name, method in METHODS.items()}
+    again = bootstrap(runs, BOOTSTRAPS)
+    tested = anova_table(runs)
+    acting = (tested["p"] < ACTS_P).to_numpy() & (np.array(NAMES) != DUMMY)
+    summary = _summary(runs, score, again, acting)
+    factors = _factors(tested, score, again)
+    swept = _swept(rows[rows["set"] == "sweep"])
+    ranks = pd.DataFrame({"factor": NAMES} | {name: places(s).astype(int) for name, s in score.items()})
+    ranks = ranks.iloc[np.argsort(-score[ANOVA])].reset_index(drop=True)
+    turned = {name: reversals(runs, name) for name in ("Deng", RANGE)}
+    offsets = dummy_with_offset(runs, (0.0, 1.0, 10.0))
+    raw = pd.DataFrame({
+        "factor": NAMES, "rank by analysis of variance": places(score[ANOVA]).astype(int),
+        "Deng, levels oriented": places(score["Deng"]).astype(int),
+        "Deng, levels as they are": places(degrees("Deng", runs, oriented=False)).astype(int),
+    })  # fmt: skip
+    spread = sequences(runs.unit)
+    spread = spread.std(axis=1) / spread.mean(axis=1)
+    by_spread = float(agreement(places(score["Deng"])[None], places(-spread))[0])
+    orders = _orders(runs, acting)
+    sentences = _sentences(
+        runs, design, lost, tested, acting, score, summary, turned, offsets, orders, by_spread, swept
+    )
+    by = summary.set_index("method")
+    grey = by.loc[list(GREY)]
+    best = str(grey["tau"].idxmax())
+    figures: dict[str, Any] = {
+        "runs": len(design), "lost runs": int(lost.sum()), "acting factors": [NAMES[k] for k in np.flatnonzero(acting)],
+        "explained by single factors": explained(runs),
+        "tau with analysis of variance": {name: float(by.loc[name, "tau"]) for name in by.index},
+        "dummy above an acting factor, share of bootstraps": {
+            name: float(by.loc[name, "dummy above an acting factor"]) for name in by.index},
+        "Deng's lowest degree": float(score["Deng"].min()),
+        "tau of Deng with the spread of levels": by_spread,
+    }  # fmt: skip
+    sound = [name for name in GREY if by.loc[name, "dummy above an acting factor"] <= 0.05]
+    verdict = (
+        "Grey relational degrees do not find what drives accuracy: their rankings agree with the analysis of "
+        f"variance of the same {len(runs.rmse_mm)} runs by Kendall's tau of {grey['tau'].min():+.2f} to "
+        f"{grey['tau'].max():+.2f} (best: {best}; plain rank correlation {by.loc[SPEARMAN, 'tau']:+.2f}), and "
+        + (f"of {len(GREY)} degrees only {', '.join(sound)} ranked" if sound else "none of them ranked")
+        + " a factor that does nothing behind every acting one in 95 of 100 bootstraps."
+    )
+    if grey["tau"].max() >= by.loc[SPEARMAN, "tau"] and sound:
+        verdict = (
+            f"The degree '{best}' ranks the factors about as the analysis of variance does (Kendall's tau "
+            f"{by.loc[best, 'tau']:+.2f}); of {len(GREY)} degrees {len(sound)} ranked a factor that does nothing "
+            "behind every acting one in 95 of 100 bootstraps."
+        )
+    tables = [
+        Table("Factors", factors, "Shares of the variance of ln RMSE and total Sobol indices with 95 % intervals; p: "
+              "that chance gives as much. The dummy's total index is what the runs' own noise gives to every factor.",
+              {"p": "{:.1e}"}),
+        Table("Ranks by every method", ranks, "1 is the most important; ordered by the analysis of variance."),
+        Table("Methods", summary, "tau: Kendall's, with the ranking of the analysis of variance; 95 % interval over "
+              f"bootstraps of base rows. The dummy must not stand above any acting factor (p < {ACTS_P}).",
+              {"tau": "{:+.2f}", "low": "{:+.2f}", "high": "{:+.2f}", "tau with total Sobol": "{:+.2f}",
+               "dummy above an acting factor": "{:.0%}", "acting factors below the dummy": "{:.1f}"}),
+        Table("The dummy counted from another zero", offsets, "The same runs, the same dummy; Deng's degree.",
+              {"degree": "{:.3f}"}),
+        Table("Blind to sign", raw, "Oriented: the reciprocal is taken of what is better when there is more of it."),
+        Table("The same runs in other orders", orders, "Of degrees that compare steps from run to run.",
+              {"tau, median": "{:+.2f}", "dummy above an acting factor": "{:.0%}"}),
+        Table("One factor at a time", swept, "As published analyses do it: a sweep of each factor, all others at their "
+              "middles.", {name: "{:.3f}" for name in swept.columns if name != "factor"}),
+    ]  # fmt: skip
+    return Findings(verdict, sentences, tables, _plots(factors, summary, score, swept), figures)
+
+
+def _summary(
+    runs: Runs, score: dict[str, np.ndarray], again: dict[str, np.ndarray], acting: np.ndarray
+) -> pd.DataFrame:
+    rows = []
+    for name in METHODS:
+        # Truth and method are both drawn anew; of a method against itself there is nothing to say.
+        tau = agreement(again[name], again[ANOVA])
+        above = dummy_above(again[name], acting)
+        low, high = np.nanquantile(tau, [0.025, 0.975])
+        own = name == ANOVA
+        rows.append({
+            "method": name, "tau": 1.0 if own else float(agreement(score[name][None], score[ANOVA])[0]),
+            "low": np.nan if own else float(low), "high": np.nan if own else float(high),
+            "tau with total Sobol": float(agreement(score[name][None], score[TOTAL])[0]),
+            "dummy's rank": int(places(score[name])[NAMES.index(DUMMY)]),
+            "dummy above an acting factor": float((above > 0).mean()),
+            "acting factors below the dummy": float(above.mean()),
+        })  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def _factors(tested: pd.DataFrame, score: dict[str, np.ndarray], again: dict[str, np.ndarray]) -> pd.DataFrame:
+    table = tested.rename(columns={"share": "share"})
+    for name, key in ((ANOVA, "share"), (FIRST, "first Sobol"), (TOTAL, "total Sobol")):
+        table[key] = score[name]
+        table[f"{key}, low"], table[f"{key}, high"] = np.quantile(again[name], [0.025, 0.975], axis=0)
+    table["Deng's degree"] = score["Deng"]
+    return table.sort_values("share", ascending=False).reset_index(drop=True)
+
+
+def _orders(runs: Runs, acting: np.ndarray) -> pd.DataFrame:
+    rows = []
+    for name in DISTURBED:
+        here, there = degrees(name, runs), in_other_orders(runs, name, ORDERS)
+        dummy = places(there)[:, NAMES.index(DUMMY)]
+        rows.append({
+            "degree": name, "tau, median": float(np.median(agreement(there, here))),
+            "dummy's rank, least": int(dummy.min()), "dummy's rank, most": int(dummy.max()),
+            "dummy above an acting factor": float((dummy_above(there, acting) > 0).mean()),
+        })  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def _swept(sweep: pd.DataFrame) -> pd.DataFrame:
+    kept = sweep[sweep["lost"].fillna("") == ""]
+    if len(kept) < len(sweep) or not len(sweep):
+        return pd.DataFrame({"factor": []})  # a sweep with a hole is none
+    return sweep_table(kept).sort_values("change of ln RMSE", key=np.abs, ascending=False).reset_index(drop=True)
+
+
+def _sentences(
+    runs: Runs, design: pd.DataFrame, lost: pd.Series, tested: pd.DataFrame, acting: np.ndarray,
+    score: dict[str, np.ndarray], summary: pd.DataFrame, turned: dict[str, list], offsets: pd.DataFrame,
+    orders: pd.DataFrame, by_spread: float, swept: pd.DataFrame,
+) -> list[str]:  # fmt: skip
+    by = summary.set_index("method")
+    top = tested.sort_values("share", ascending=False)["factor"].tolist()[:3]
+    deng, dummy = score["Deng"], NAMES.index(DUMMY)
+    found = [
+        f"The design has {len(design)} runs of {len(NAMES)} factors, one of them a dummy that does nothing; "
+        f"{int(lost.sum())} could not be measured, {len(design) - len(runs.rmse_mm)} were left out with their base "
+        f"rows. RMSE of the check points goes from {1e3 * runs.rmse_mm.min():.1f} to {1e3 * runs.rmse_mm.max():.1f} "
+        f"um. Single factors explain {100 * explained(runs):.0f} % of the variance of its logarithm; "
+        f"{int(acting.sum())} of {len(NAMES) - 1} act (p < {ACTS_P}), first of all {', '.join(top)}.",
+        f"Analysis of variance and total Sobol indices agree by Kendall's tau of {by.loc[TOTAL, 'tau']:+.2f}, rank "
+        f"correlation and analysis of variance by {by.loc[SPEARMAN, 'tau']:+.2f}; the grey degrees by "
+        + ", ".join(f"{by.loc[name, 'tau']:+.2f} ({name})" for name in GREY) + ".",
+        "The dummy stood above at least one acting factor in "
+        + ", ".join(f"{100 * by.loc[name, 'dummy above an acting factor']:.0f} % ({name})" for name in GREY)
+        + f" of the bootstraps; in {100 * by.loc[ANOVA, 'dummy above an acting factor']:.0f} % by analysis of "
+        f"variance and {100 * by.loc[TOTAL, 'dummy above an acting factor']:.0f} % by total Sobol indices.",
+        f"Deng's degree cannot fall below 1/3: here all {len(NAMES)} factors lie between {deng.min():.3f} and "
+        f"{deng.max():.3f}, the dummy at {deng[dummy]:.3f}. A degree of 0.6 or 0.8 by itself says nothing.",
+        "What Deng's ranking follows is the spread of the levels themselves: with a ranking by their coefficient of "
+        f"variation, which knows nothing of any measurement, it agrees by Kendall's tau of {by_spread:+.2f}.",
+        "Counted from another zero, the dummy's levels "
+        + ", ".join(f"{row['levels of the dummy']} get the degree {row['degree']:.3f} and rank {row['rank']}"
+                    for _, row in offsets.iterrows()) + ".",
+        f"Leaving out one factor turned the order of others {len(turned['Deng'])} times for Deng's degree and "
+        f"{len(turned[RANGE])} times with levels scaled to their ranges"
+        + (f" (without {turned['Deng'][0][0]}, {turned['Deng'][0][2]} passes {turned['Deng'][0][1]})"
+           if turned["Deng"] else "")
+        + ": a ranking that depends on who else is asked.",
+        "The other six compare steps from run to run, so they depend on the order of runs, which means nothing in a "
+        "design: between two orders of the same runs their rankings agree by a median tau of "
+        + ", ".join(f"{row['tau, median']:+.2f} ({row['degree']})" for _, row in orders.iterrows()) + ".",
+        "Every degree but the T-type is blind to sign: a factor of which more is better looks unrelated unless "
+        "somebody who knows takes its reciprocal first.",
+    ]  # fmt: skip
+    if "Deng" in swept:
+        by_truth = swept.set_index("factor")
+        truth = by_truth["change of ln RMSE"].abs()
+        tau = agreement(by_truth["Deng"].to_numpy()[None], truth.to_numpy())[0]
+        published = [f"{by_truth.loc[name, 'Deng']:.3f} ({name}, {places(by_truth['Deng'].to_numpy())[k]:.0f}.)"
+                     for k, name in enumerate(by_truth.index) if name in HIT]  # fmt: skip
+        found.append(
+            "One factor at a time, as published: Deng's degrees rank the sweeps against the true change of ln RMSE "
+            f"by tau {tau:+.2f}; the dummy gets {by_truth.loc[DUMMY, 'Deng']:.3f}. The four that a published analysis "
+            f"of a binocular system puts first (all at least 0.859 there) get {', '.join(published)} here."
+        )
+    return found
+
+
+def _plots(
+    factors: pd.DataFrame, summary: pd.DataFrame, score: dict[str, np.ndarray], swept: pd.DataFrame
+) -> list[Plot]:
+    ranks = pd.DataFrame(
+        [{"factor": name, "method": method, "rank": int(rank)} for method, s in score.items()
+         for name, rank in zip(NAMES, places(s), strict=True)]
+    )  # fmt: skip
+    found = [
+        Plot("shares", "What drives accuracy",
+             "Shares of the variance of ln RMSE and total Sobol indices on the same runs, 95 % intervals; dotted: the "
+             "dummy's total index, the runs' own noise.", factors, _draw_shares, (8.2, 3.8), columns=2),
+        Plot("ranks", "Ranks by every method", "1, dark: the most important. Factors in the order of the analysis of "
+             "variance.", ranks, _draw_ranks, (8.2, 4.2)),
+        Plot("agreement", "How the methods agree, and what they make of nothing",
+             "Left: Kendall's tau with the analysis of variance, 95 % interval; right: share of bootstraps in which "
+             "the "
+             "dummy stands above an acting factor.", summary, _draw_agreement, (8.2, 3.8), columns=2),
+    ]  # fmt: skip
+    if "Deng" in swept:
+        found.append(Plot(
+            "sweeps", "One factor at a time", "Deng's degree of each sweep against what the factor truly changes.",
+            swept, _draw_sweeps, (6.4, 3.8)))  # fmt: skip
+    return found
+
+
+def _draw_shares(axes: Any, data: pd.DataFrame) -> None:
+    place = np.arange(len(data))[::-1]
+    for ax, key in zip(axes, ("share", "total Sobol"), strict=True):
+        colour = [WARM if name == DUMMY else ACCENT for name in data["factor"]]
+        ax.barh(place, data[key], color=colour, height=0.62)
+        ax.hlines(place, data[f"{key}, low"], data[f"{key}, high"], color=INK, lw=1)
+        ax.set(xlabel={"share": "share of variance", "total Sobol": "total Sobol index"}[key])
+    axes[1].axvline(data.loc[data["factor"] == DUMMY, "total Sobol"].iloc[0], color=WARM, ls=":", lw=1)
+    axes[0].set_yticks(place, data["factor"])
+    axes[1].set_yticks(place, [""] * len(place))
+
+
+def _draw_ranks(ax: Any, data: pd.DataFrame) -> None:
+    wide = data.pivot(index="factor", columns="method", values="rank")[list(METHODS)].sort_values(ANOVA, kind="stable")
+    ax.imshow(-wide.to_numpy(), cmap="Blues", aspect="auto", vmin=-len(NAMES) - 2, vmax=2)
+    for i, row in enumerate(wide.to_numpy()):
+        for j, rank in enumerate(row):
+            ax.text(j, i, str(rank), ha="center", va="center", fontsize=7.5, color="white" if rank <= 4 else INK,
+                    fontweight="bold" if wide.index[i] == DUMMY else "normal")  # fmt: skip
+    ax.set_xticks(range(len(METHODS)), list(METHODS), rotation=35, ha="right", rotation_mode="anchor")
+    ax.set_yticks(range(len(wide)), wide.index)
+    for label in ax.get_yticklabels():
+        if label.get_text() == DUMMY:
+            label.set_color(WARM)
+    ax.tick_params(length=0)
+
+
+def _draw_agreement(axes: Any, data: pd.DataFrame) -> None:
+    place = np.arange(len(data))[::-1]
+    colour = [WARM if name in GREY else ACCENT for name in data["method"]]
+    axes[0].hlines(place, data["low"], data["high"], color=colour, lw=1.6)
+    axes[0].scatter(data["tau"], place, color=colour, s=22, zorder=3)
+    axes[0].axvline(0, color=FAINT, lw=0.8)
+    axes[0].set_yticks(place, data["method"])
+    axes[0].set(xlabel="Kendall's tau", xlim=(-1.05, 1.05))
+    axes[1].barh(place, data["dummy above an acting factor"], color=colour, height=0.62)
+    axes[1].axvline(0.05, color=INK, ls=":", lw=1)
+    axes[1].set_yticks(place, [""] * len(place))
+    axes[1].set(xlabel="dummy above an acting factor", xlim=(0, 1.02))
+
+
+def _draw_sweeps(ax: Any, data: pd.DataFrame) -> None:
+    x, y = data["change of ln RMSE"].abs(), data["Deng"]
+    ax.scatter(x, y, color=[WARM if name == DUMMY else ACCENT for name in data["factor"]], s=24, zorder=3)
+    for name, a, b in zip(data["factor"], x, y, strict=True):
+        ax.annotate(name.split(",")[0], (a, b), xytext=(4, 3), textcoords="offset points", fontsize=7)
+    ax.axhline(1 / 3, color=FAINT, lw=0.8)
+    ax.set(xlabel="change of ln RMSE from one end to the other", ylabel="Deng's degree", ylim=(0.3, 1.0))

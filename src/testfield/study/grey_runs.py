@@ -1,0 +1,76 @@
+"""What a case of the study of grey methods renders and measures: exposures of one scene, or runs of the design."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from testfield.chain.run import Run
+from testfield.chain.stages import run_stage
+from testfield.chain.trials import reexposed
+from testfield.errors import TestfieldError
+from testfield.registry import find
+from testfield.score.detection import score_detection
+from testfield.score.points import score_points
+from testfield.seeds import seed_of
+from testfield.study.cases import Case
+
+
+def expose_again(case: Case, run: Run | None) -> list[dict[str, Any]]:
+    """Errors of every dot's centre against the truth in some exposures of one rendered scene."""
+    assert run is not None
+    options = case.options
+    run_stage(run, "render")
+    run = _with(run, options["read_noise_e"], options["centroid"])
+    rows = []
+    for number in options["exposures"]:
+        found = reexposed(run, seed_of(run.scene.seed, f"grey exposure/{number}"))
+        score = score_detection(run.world, run.views, found)
+        for station, mark, (x, y) in zip(score.station, score.mark, score.error_px, strict=True):
+            rows.append({"exposure": number, "station": int(station), "mark": int(mark),
+                         "error_x_px": float(x), "error_y_px": float(y)})  # fmt: skip
+    return rows
+
+
+def measure_runs(case: Case, run: Run | None) -> list[dict[str, Any]]:
+    """Check points' errors in those runs of the design that share one picture, each with its own noise.
+
+    A run that cannot be measured gives a row that says why, and no figures. The pictures are not kept: there are
+    hundreds of them, and the rows are.
+    """
+    assert run is not None
+    run_stage(run, "render")
+    rows = [_run_row(run, entry) for entry in case.options["runs"]]
+    for name in run.stations:
+        (run.folder / f"radiance/{name}.exr").unlink(missing_ok=True)
+    return rows
+
+
+def _run_row(run: Run, entry: dict[str, Any]) -> dict[str, Any]:
+    row = {key: value for key, value in entry.items() if key != "unit"}
+    row |= {f"unit {k}": float(value) for k, value in enumerate(entry["unit"])}
+    run = _with(run, entry["read_noise_e"], run.scene.measure.centroid)
+    scene = run.scene
+    figures = {"rmse_mm": np.nan, "worst_mm": np.nan, "measured": 0, "centre_rms_px": np.nan}
+    try:
+        found = reexposed(run, seed_of(scene.seed, f"grey run/{entry['run']}"))
+        detected = score_detection(run.world, run.views, found).card()
+        figures["centre_rms_px"] = detected["centre_rms_px"]
+        calibration = find("calibrators", scene.measure.calibrator)(
+            found, run.field, scene.camera.width_px, scene.camera.height_px, scene.camera.lens, scene.measure.hold
+        )
+        points = find("reconstructors", scene.measure.reconstructor)(found, calibration, run.field)
+        card = score_points(run.world, calibration, points).card()
+    except TestfieldError as error:
+        return row | figures | {"lost": error.sentence()}
+    if card["measured"] < 3:
+        return row | figures | {"lost": f"only {card['measured']} check points were measured"}
+    return row | figures | {key: card[key] for key in ("rmse_mm", "worst_mm", "measured")} | {"lost": ""}
+
+
+def _with(run: Run, read_noise_e: float, centroid: str) -> Run:
+    """The run with another sensor noise and centroid estimator; its pictures are the same."""
+    scene = run.scene
+    sensor = scene.sensor.model_copy(update={"read_noise_e": read_noise_e})
+    measure = scene.measure.model_copy(update={"centroid": centroid})
+    return replace(run, scene=scene.model_copy(update={"sensor": sensor, "measure": measure}))
