@@ -16,13 +16,13 @@ from testfield.study.grey_samples import LAWS
 
 RUNS, SAMPLES = "testfield.study.grey_runs", "testfield.study.grey_samples"
 CENTROIDS = ("forward_model", "grey_centroid")
-NOISE_E = 40.0
+NOISE_E = 20.0
 
 
 def cases(quick: bool) -> list[Case]:
     """All cases; the dearest first, so that no process waits at the end."""
-    designed = design(4 if quick else 32) + sweep(3 if quick else 5)
-    return exposures(16 if quick else 100) + runs(designed) + laws(20_000 if quick else 200_000)
+    designed = design(4) if quick else design(32) + sweep(5)
+    return exposures(10 if quick else 100) + runs(designed) + laws(20_000 if quick else 200_000)
 
 
 def laws(count: int) -> list[Case]:

@@ -17,6 +17,7 @@ from testfield.study.grey_rankings import (
     SPEARMAN,
     TOTAL,
     Runs,
+    acting_factors,
     agreement,
     anova_table,
     bootstrap,
@@ -29,10 +30,11 @@ from testfield.study.grey_rankings import (
     reversals,
     sequences,
     sweep_table,
+    turned_round,
 )
 from testfield.study.study import Findings, Plot, Table
 
-BOOTSTRAPS, ORDERS = 500, 200
+BOOTSTRAPS, ORDERS = 400, 100
 DISTURBED = ("absolute", "relative", "synthetic", "T-type", "slope", "B-type")
 """Degrees that depend on the order of the runs."""
 HIT = ("radial distortion, 1e-3", "tangential distortion, 1e-4", "half convergence, deg", "image noise, e")
@@ -51,29 +53,24 @@ def read_relations(table: pd.DataFrame) -> Findings:
     score = {name: method(runs) for name, method in METHODS.items()}
     again = bootstrap(runs, BOOTSTRAPS)
     tested = anova_table(runs)
-    acting = (tested["p"] < ACTS_P).to_numpy() & (np.array(NAMES) != DUMMY)
+    acting = acting_factors(tested, again[ANOVA])
     summary = _summary(runs, score, again, acting)
     factors = _factors(tested, score, again)
     swept = _swept(rows[rows["set"] == "sweep"])
     ranks = pd.DataFrame({"factor": NAMES} | {name: places(s).astype(int) for name, s in score.items()})
     ranks = ranks.iloc[np.argsort(-score[ANOVA])].reset_index(drop=True)
     turned = {name: reversals(runs, name) for name in ("Deng", RANGE)}
-    offsets = dummy_with_offset(runs, (0.0, 1.0, 10.0))
-    raw = pd.DataFrame({
-        "factor": NAMES, "rank by analysis of variance": places(score[ANOVA]).astype(int),
-        "Deng, levels oriented": places(score["Deng"]).astype(int),
-        "Deng, levels as they are": places(degrees("Deng", runs, oriented=False)).astype(int),
-    })  # fmt: skip
+    offsets = dummy_with_offset(runs, acting, (0.0, 1.0, 10.0), BOOTSTRAPS // 2)
+    turned_levels = turned_round(runs)
     spread = sequences(runs.unit)
     spread = spread.std(axis=1) / spread.mean(axis=1)
     by_spread = float(agreement(places(score["Deng"])[None], places(-spread))[0])
     orders = _orders(runs, acting)
     sentences = _sentences(
-        runs, design, lost, tested, acting, score, summary, turned, offsets, orders, by_spread, swept
+        runs, design, lost, tested, acting, score, summary, turned, offsets, orders, by_spread, swept, turned_levels
     )
     by = summary.set_index("method")
     grey = by.loc[list(GREY)]
-    best = str(grey["tau"].idxmax())
     figures: dict[str, Any] = {
         "runs": len(design), "lost runs": int(lost.sum()), "acting factors": [NAMES[k] for k in np.flatnonzero(acting)],
         "explained by single factors": explained(runs),
@@ -83,32 +80,21 @@ def read_relations(table: pd.DataFrame) -> Findings:
         "Deng's lowest degree": float(score["Deng"].min()),
         "tau of Deng with the spread of levels": by_spread,
     }  # fmt: skip
-    sound = [name for name in GREY if by.loc[name, "dummy above an acting factor"] <= 0.05]
-    verdict = (
-        "Grey relational degrees do not find what drives accuracy: their rankings agree with the analysis of "
-        f"variance of the same {len(runs.rmse_mm)} runs by Kendall's tau of {grey['tau'].min():+.2f} to "
-        f"{grey['tau'].max():+.2f} (best: {best}; plain rank correlation {by.loc[SPEARMAN, 'tau']:+.2f}), and "
-        + (f"of {len(GREY)} degrees only {', '.join(sound)} ranked" if sound else "none of them ranked")
-        + " a factor that does nothing behind every acting one in 95 of 100 bootstraps."
-    )
-    if grey["tau"].max() >= by.loc[SPEARMAN, "tau"] and sound:
-        verdict = (
-            f"The degree '{best}' ranks the factors about as the analysis of variance does (Kendall's tau "
-            f"{by.loc[best, 'tau']:+.2f}); of {len(GREY)} degrees {len(sound)} ranked a factor that does nothing "
-            "behind every acting one in 95 of 100 bootstraps."
-        )
+    verdict = _verdict(runs, by, grey, by_spread, offsets)
     tables = [
         Table("Factors", factors, "Shares of the variance of ln RMSE and total Sobol indices with 95 % intervals; p: "
               "that chance gives as much. The dummy's total index is what the runs' own noise gives to every factor.",
               {"p": "{:.1e}"}),
         Table("Ranks by every method", ranks, "1 is the most important; ordered by the analysis of variance."),
         Table("Methods", summary, "tau: Kendall's, with the ranking of the analysis of variance; 95 % interval over "
-              f"bootstraps of base rows. The dummy must not stand above any acting factor (p < {ACTS_P}).",
+              "bootstraps of base rows. Of as many factors as act beyond doubt, so many stand first. The dummy must "
+              "not stand above any factor that acts beyond doubt.",
               {"tau": "{:+.2f}", "low": "{:+.2f}", "high": "{:+.2f}", "tau with total Sobol": "{:+.2f}",
                "dummy above an acting factor": "{:.0%}", "acting factors below the dummy": "{:.1f}"}),
         Table("The dummy counted from another zero", offsets, "The same runs, the same dummy; Deng's degree.",
-              {"degree": "{:.3f}"}),
-        Table("Blind to sign", raw, "Oriented: the reciprocal is taken of what is better when there is more of it."),
+              {"degree": "{:.3f}", "above an acting factor": "{:.0%}"}),
+        Table("Blind to sign", turned_levels, "Degrees of the levels as they are, and turned round, the highest where "
+              "the lowest was.", {name: "{:+.3f}" for name in turned_levels.columns if name != "factor"}),
         Table("The same runs in other orders", orders, "Of degrees that compare steps from run to run.",
               {"tau, median": "{:+.2f}", "dummy above an acting factor": "{:.0%}"}),
         Table("One factor at a time", swept, "As published analyses do it: a sweep of each factor, all others at their "
@@ -117,10 +103,29 @@ def read_relations(table: pd.DataFrame) -> Findings:
     return Findings(verdict, sentences, tables, _plots(factors, summary, score, swept), figures)
 
 
+def _verdict(runs: Runs, by: pd.DataFrame, grey: pd.DataFrame, by_spread: float, offsets: pd.DataFrame) -> str:
+    best = str(grey["tau"].idxmax())
+    safe = grey[(grey["dummy above an acting factor"] <= 0.05) & (grey["low"] > 0.5)].index.tolist()
+    compared = (
+        f"with the analysis of variance of the same {len(runs.rmse_mm)} runs their rankings agree by Kendall's tau of "
+        f"{grey['tau'].min():+.2f} to {grey['tau'].max():+.2f} (best: {best}; plain rank correlation "
+        f"{by.loc[SPEARMAN, 'tau']:+.2f})"
+    )
+    if safe:
+        return f"Of the grey relational degrees {', '.join(safe)} found what drives accuracy: {compared}."
+    return (
+        f"Grey relational analysis is no safe way to find what drives accuracy: {compared}. Deng's ranking follows "
+        f"the spread of the factors' levels (tau {by_spread:+.2f}) rather than their effect, and puts a factor that "
+        f"does nothing in place {offsets['rank'].max()} or {offsets['rank'].min()} of {len(NAMES)}, by the zero its "
+        "levels are counted from."
+    )
+
+
 def _summary(
     runs: Runs, score: dict[str, np.ndarray], again: dict[str, np.ndarray], acting: np.ndarray
 ) -> pd.DataFrame:
     rows = []
+    first = _first(score[ANOVA], max(int(acting.sum()), 1))
     for name in METHODS:
         # Truth and method are both drawn anew; of a method against itself there is nothing to say.
         tau = agreement(again[name], again[ANOVA])
@@ -131,11 +136,21 @@ def _summary(
             "method": name, "tau": 1.0 if own else float(agreement(score[name][None], score[ANOVA])[0]),
             "low": np.nan if own else float(low), "high": np.nan if own else float(high),
             "tau with total Sobol": float(agreement(score[name][None], score[TOTAL])[0]),
+            "of the first factors, found": f"{len(first & _first(score[name], len(first)))} of {len(first)}",
             "dummy's rank": int(places(score[name])[NAMES.index(DUMMY)]),
             "dummy above an acting factor": float((above > 0).mean()),
             "acting factors below the dummy": float(above.mean()),
         })  # fmt: skip
     return pd.DataFrame(rows)
+
+
+def _words(names: list[str]) -> str:
+    """Factors in a sentence, without their units."""
+    return ", ".join(name.split(",")[0] for name in names)
+
+
+def _first(scores: np.ndarray, count: int) -> set[int]:
+    return set(np.argsort(-scores)[:count].tolist())
 
 
 def _factors(tested: pd.DataFrame, score: dict[str, np.ndarray], again: dict[str, np.ndarray]) -> pd.DataFrame:
@@ -170,17 +185,19 @@ def _swept(sweep: pd.DataFrame) -> pd.DataFrame:
 def _sentences(
     runs: Runs, design: pd.DataFrame, lost: pd.Series, tested: pd.DataFrame, acting: np.ndarray,
     score: dict[str, np.ndarray], summary: pd.DataFrame, turned: dict[str, list], offsets: pd.DataFrame,
-    orders: pd.DataFrame, by_spread: float, swept: pd.DataFrame,
+    orders: pd.DataFrame, by_spread: float, swept: pd.DataFrame, turned_levels: pd.DataFrame,
 ) -> list[str]:  # fmt: skip
     by = summary.set_index("method")
     top = tested.sort_values("share", ascending=False)["factor"].tolist()[:3]
     deng, dummy = score["Deng"], NAMES.index(DUMMY)
+    round_again = turned_levels.set_index("factor").loc[top[0]]
     found = [
         f"The design has {len(design)} runs of {len(NAMES)} factors, one of them a dummy that does nothing; "
         f"{int(lost.sum())} could not be measured, {len(design) - len(runs.rmse_mm)} were left out with their base "
         f"rows. RMSE of the check points goes from {1e3 * runs.rmse_mm.min():.1f} to {1e3 * runs.rmse_mm.max():.1f} "
         f"um. Single factors explain {100 * explained(runs):.0f} % of the variance of its logarithm; "
-        f"{int(acting.sum())} of {len(NAMES) - 1} act (p < {ACTS_P}), first of all {', '.join(top)}.",
+        f"{int(acting.sum())} of {len(NAMES) - 1} act beyond doubt (p < {ACTS_P}, and before the dummy in 97.5 % of "
+        f"bootstraps), first of all {_words(top)}.",
         f"Analysis of variance and total Sobol indices agree by Kendall's tau of {by.loc[TOTAL, 'tau']:+.2f}, rank "
         f"correlation and analysis of variance by {by.loc[SPEARMAN, 'tau']:+.2f}; the grey degrees by "
         + ", ".join(f"{by.loc[name, 'tau']:+.2f} ({name})" for name in GREY) + ".",
@@ -193,31 +210,50 @@ def _sentences(
         "What Deng's ranking follows is the spread of the levels themselves: with a ranking by their coefficient of "
         f"variation, which knows nothing of any measurement, it agrees by Kendall's tau of {by_spread:+.2f}.",
         "Counted from another zero, the dummy's levels "
-        + ", ".join(f"{row['levels of the dummy']} get the degree {row['degree']:.3f} and rank {row['rank']}"
+        + ", ".join(f"{row['levels of the dummy']} give the degree {row['degree']:.3f} and rank {row['rank']}, "
+            f"above an acting factor in {100 * row['above an acting factor']:.0f} % of bootstraps"
                     for _, row in offsets.iterrows()) + ".",
-        f"Leaving out one factor turned the order of others {len(turned['Deng'])} times for Deng's degree and "
-        f"{len(turned[RANGE])} times with levels scaled to their ranges"
-        + (f" (without {turned['Deng'][0][0]}, {turned['Deng'][0][2]} passes {turned['Deng'][0][1]})"
-           if turned["Deng"] else "")
-        + ": a ranking that depends on who else is asked.",
+        _reversed(turned),
         "The other six compare steps from run to run, so they depend on the order of runs, which means nothing in a "
         "design: between two orders of the same runs their rankings agree by a median tau of "
         + ", ".join(f"{row['tau, median']:+.2f} ({row['degree']})" for _, row in orders.iterrows()) + ".",
-        "Every degree but the T-type is blind to sign: a factor of which more is better looks unrelated unless "
-        "somebody who knows takes its reciprocal first.",
+        "Every degree but the T-type is blind to sign: with its levels turned round, as if more of it were better, "
+        f"{_words(top[:1])} gets Deng's degree {round_again['Deng, turned round']:.3f} instead of "
+        f"{round_again['Deng']:.3f} (T-type: {round_again['T-type, turned round']:+.3f} instead of "
+        f"{round_again['T-type']:+.3f}).",
     ]  # fmt: skip
     if "Deng" in swept:
         by_truth = swept.set_index("factor")
         truth = by_truth["change of ln RMSE"].abs()
         tau = agreement(by_truth["Deng"].to_numpy()[None], truth.to_numpy())[0]
-        published = [f"{by_truth.loc[name, 'Deng']:.3f} ({name}, {places(by_truth['Deng'].to_numpy())[k]:.0f}.)"
-                     for k, name in enumerate(by_truth.index) if name in HIT]  # fmt: skip
+        place = places(by_truth["Deng"].to_numpy())
+        published = [
+            f"{degree:.3f} ({_words([str(name)])}, place {place[k]:.0f})"
+            for k, (name, degree) in enumerate(by_truth["Deng"].items())
+            if name in HIT
+        ]
         found.append(
             "One factor at a time, as published: Deng's degrees rank the sweeps against the true change of ln RMSE "
             f"by tau {tau:+.2f}; the dummy gets {by_truth.loc[DUMMY, 'Deng']:.3f}. The four that a published analysis "
             f"of a binocular system puts first (all at least 0.859 there) get {', '.join(published)} here."
         )
     return found
+
+
+def _reversed(turned: dict[str, list[tuple[str, str, str]]]) -> str:
+    """What leaving a factor out does to the order of the others."""
+    count = {name: len(pairs) for name, pairs in turned.items()}
+    if not any(count.values()):
+        return (
+            "Deng's degrees of all factors change when one is left out, for the largest difference is taken over "
+            "all; here that turned the order of no two."
+        )
+    out, before, behind = next(pairs[0] for pairs in turned.values() if pairs)
+    return (
+        f"Leaving out one factor turned the order of two others {count['Deng']} times for Deng's degree and "
+        f"{count[RANGE]} times with levels scaled to their ranges (without {out}, {behind} passes {before}): the "
+        "ranking depends on who else is asked."
+    )
 
 
 def _plots(
@@ -240,8 +276,8 @@ def _plots(
     ]  # fmt: skip
     if "Deng" in swept:
         found.append(Plot(
-            "sweeps", "One factor at a time", "Deng's degree of each sweep against what the factor truly changes.",
-            swept, _draw_sweeps, (6.4, 3.8)))  # fmt: skip
+            "sweeps", "One factor at a time", "Left: what each factor truly changes in its sweep; right: Deng's degree "
+            "of the same sweep, dotted its floor of 1/3.", swept, _draw_sweeps, (8.2, 3.6), columns=2))  # fmt: skip
     return found
 
 
@@ -279,17 +315,22 @@ def _draw_agreement(axes: Any, data: pd.DataFrame) -> None:
     axes[0].scatter(data["tau"], place, color=colour, s=22, zorder=3)
     axes[0].axvline(0, color=FAINT, lw=0.8)
     axes[0].set_yticks(place, data["method"])
-    axes[0].set(xlabel="Kendall's tau", xlim=(-1.05, 1.05))
+    axes[0].set(xlabel="Kendall's tau", xlim=(-1.05, 1.05), xticks=[-1, -0.5, 0, 0.5, 1])
     axes[1].barh(place, data["dummy above an acting factor"], color=colour, height=0.62)
     axes[1].axvline(0.05, color=INK, ls=":", lw=1)
     axes[1].set_yticks(place, [""] * len(place))
     axes[1].set(xlabel="dummy above an acting factor", xlim=(0, 1.02))
+    for ax in axes:
+        ax.set_ylim(-0.7, len(data) - 0.3)
 
 
-def _draw_sweeps(ax: Any, data: pd.DataFrame) -> None:
-    x, y = data["change of ln RMSE"].abs(), data["Deng"]
-    ax.scatter(x, y, color=[WARM if name == DUMMY else ACCENT for name in data["factor"]], s=24, zorder=3)
-    for name, a, b in zip(data["factor"], x, y, strict=True):
-        ax.annotate(name.split(",")[0], (a, b), xytext=(4, 3), textcoords="offset points", fontsize=7)
-    ax.axhline(1 / 3, color=FAINT, lw=0.8)
-    ax.set(xlabel="change of ln RMSE from one end to the other", ylabel="Deng's degree", ylim=(0.3, 1.0))
+def _draw_sweeps(axes: Any, data: pd.DataFrame) -> None:
+    place = np.arange(len(data))[::-1]
+    colour = [WARM if name == DUMMY else ACCENT for name in data["factor"]]
+    axes[0].barh(place, data["change of ln RMSE"].abs(), color=colour, height=0.62)
+    axes[1].barh(place, data["Deng"], color=colour, height=0.62)
+    axes[1].axvline(1 / 3, color=INK, ls=":", lw=1)
+    axes[0].set_yticks(place, data["factor"])
+    axes[1].set_yticks(place, [""] * len(place))
+    axes[0].set(xlabel="change of ln RMSE from one end to the other")
+    axes[1].set(xlabel="Deng's degree", xlim=(0, 1))

@@ -1,17 +1,19 @@
 """Which factors drive accuracy, by twelve methods on the same runs, and how far the methods can be trusted."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
 from scipy.stats import f as f_law
-from scipy.stats import kendalltau, rankdata
+from scipy.stats import rankdata
 
 from testfield.seeds import generator
 from testfield.study.grey_factors import DUMMY, FACTORS, NAMES
 from testfield.uncertainty import grey_relations as relations
 
+ENOUGH = 200
+"""Runs for a regression of second degree."""
 ACTS_P = 0.001
 """A factor acts where the analysis of variance says that chance gives as much in less than this part of cases."""
 
@@ -65,21 +67,23 @@ def sequences(unit: np.ndarray, oriented: bool = True) -> np.ndarray:
 
 
 def anova_shares(runs: Runs) -> np.ndarray:
-    """(d,) shares of the variance of log RMSE, by a polynomial of second degree in each factor by itself."""
+    """(d,) shares of the variance of log RMSE, by a polynomial of second degree in each factor by itself (of first degree
+    where there are few runs)."""
     _, coefficient, _ = _regression(runs)
-    return (coefficient[1:].reshape(-1, 2) ** 2 @ [1 / 3, 1 / 5]) / runs.log.var(ddof=1)
+    shares = coefficient[1:].reshape(len(FACTORS), -1) ** 2
+    return shares @ [1 / 3, 1 / 5][: shares.shape[1]] / runs.log.var(ddof=1)
 
 
 def anova_table(runs: Runs) -> pd.DataFrame:
-    """Shares, and the probability that chance alone gives as much (F test of a factor's two terms, entered last)."""
+    """Shares, and the probability that chance alone gives as much (F test of a factor's terms, entered last)."""
     terms, _, residual = _regression(runs)
-    free = len(terms) - terms.shape[1]
+    free, each = len(terms) - terms.shape[1], (terms.shape[1] - 1) // len(FACTORS)
     p = []
     for k in range(len(FACTORS)):
-        without = np.delete(terms, [1 + 2 * k, 2 + 2 * k], axis=1)
+        without = np.delete(terms, 1 + each * k + np.arange(each), axis=1)
         rest = runs.log - without @ np.linalg.lstsq(without, runs.log, rcond=None)[0]
-        gain = ((rest**2).sum() - residual) / 2
-        p.append(float(f_law.sf(gain / (residual / free), 2, free)) if free > 0 else np.nan)
+        gain = ((rest**2).sum() - residual) / each
+        p.append(float(f_law.sf(gain / (residual / free), each, free)))
     return pd.DataFrame({"factor": NAMES, "share": anova_shares(runs), "p": p})
 
 
@@ -127,7 +131,8 @@ METHODS: dict[str, Callable[[Runs], np.ndarray]] = {
 
 def _regression(runs: Runs) -> tuple[np.ndarray, np.ndarray, float]:
     u = 2 * runs.unit - 1
-    terms = np.concatenate([np.ones((len(u), 1)), np.stack([u, (3 * u**2 - 1) / 2], axis=2).reshape(len(u), -1)], 1)
+    of_each = np.stack([u, (3 * u**2 - 1) / 2], axis=2)[:, :, : 2 if len(u) >= ENOUGH else 1]
+    terms = np.concatenate([np.ones((len(u), 1)), of_each.reshape(len(u), -1)], axis=1)
     coefficient = np.linalg.lstsq(terms, runs.log, rcond=None)[0]
     return terms, coefficient, float(((runs.log - terms @ coefficient) ** 2).sum())
 
@@ -140,23 +145,37 @@ def places(scores: np.ndarray) -> np.ndarray:
     return rankdata(-scores, axis=-1)
 
 
-def bootstrap(runs: Runs, count: int) -> dict[str, np.ndarray]:
-    """(count, d) scores of every method; base rows are drawn anew, each with all its runs."""
+def drawn_anew(runs: Runs, count: int) -> Iterator[Runs]:
+    """Bootstraps: base rows are drawn anew, each with all its runs."""
     rng = generator(0, "grey bootstrap")
-    blocks = len(FACTORS) + 2
-    rows = np.arange(len(runs.rmse_mm)).reshape(-1, blocks)
-    found: dict[str, list[np.ndarray]] = {name: [] for name in METHODS}
+    rows = np.arange(len(runs.rmse_mm)).reshape(-1, len(FACTORS) + 2)
     for _ in range(count):
-        again = runs.take(rows[rng.integers(0, len(rows), len(rows))].ravel())
+        yield runs.take(rows[rng.integers(0, len(rows), len(rows))].ravel())
+
+
+def bootstrap(runs: Runs, count: int) -> dict[str, np.ndarray]:
+    """(count, d) scores of every method in bootstraps."""
+    found: dict[str, list[np.ndarray]] = {name: [] for name in METHODS}
+    for again in drawn_anew(runs, count):
         for name, method in METHODS.items():
             found[name].append(method(again))
     return {name: np.array(scores) for name, scores in found.items()}
 
 
 def agreement(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """(k,) Kendall's tau of rankings (k, d) with (k, d) or (d,)."""
-    second = np.broadcast_to(second, first.shape)
-    return np.array([kendalltau(a, b).statistic for a, b in zip(first, second, strict=True)])
+    """(...,) Kendall's tau-b of scores (..., d) with scores (..., d)."""
+    one, two = (np.sign(x[..., :, None] - x[..., None, :]) for x in (np.asarray(first), np.asarray(second)))
+    return (one * two).sum(axis=(-2, -1)) / np.sqrt((one**2).sum(axis=(-2, -1)) * (two**2).sum(axis=(-2, -1)))
+
+
+def acting_factors(tested: pd.DataFrame, again: np.ndarray) -> np.ndarray:
+    """(d,) which factors act beyond doubt: chance gives as much in less than ACTS_P of cases, and analysis of variance
+    puts them before the dummy in 97.5 % of its bootstraps `again` (k, d)."""
+    dummy = NAMES.index(DUMMY)
+    before = (again > again[:, [dummy]]).mean(axis=0) >= 0.975
+    acts = (tested["p"].to_numpy() < ACTS_P) & before
+    acts[dummy] = False
+    return acts
 
 
 def dummy_above(scores: np.ndarray, acting: np.ndarray) -> np.ndarray:
@@ -188,16 +207,38 @@ def reversals(runs: Runs, name: str) -> list[tuple[str, str, str]]:
     return found
 
 
-def dummy_with_offset(runs: Runs, offsets: tuple[float, ...]) -> pd.DataFrame:
-    """Deng's degree and rank of the dummy when its levels are counted from another zero, as degrees or kelvins are."""
+def dummy_with_offset(runs: Runs, acting: np.ndarray, offsets: tuple[float, ...], count: int) -> pd.DataFrame:
+    """Deng's degree of the dummy when its levels are counted from another zero, as degrees or kelvins are: its rank,
+    and in what part of bootstraps it stands above an acting factor."""
     dummy = NAMES.index(DUMMY)
+
+    def found(some: Runs, offset: float) -> np.ndarray:
+        x = sequences(some.unit)
+        x[dummy] += offset
+        return relations.DEGREES["Deng"](some.rmse_mm, x)
+
     rows = []
     for offset in offsets:
-        x = sequences(runs.unit)
-        x[dummy] += offset
-        found = relations.DEGREES["Deng"](runs.rmse_mm, x)
-        rows.append({"levels of the dummy": f"{offset:g} to {offset + 1:g}", "degree": found[dummy],
-                     "rank": int(places(found)[dummy])})  # fmt: skip
+        here = found(runs, offset)
+        above = [dummy_above(found(again, offset), acting) > 0 for again in drawn_anew(runs, count)]
+        rows.append({
+            "levels of the dummy": f"{offset:g} to {offset + 1:g}", "degree": here[dummy],
+            "rank": int(places(here)[dummy]), "above an acting factor": float(np.mean(above)),
+        })  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def turned_round(runs: Runs) -> pd.DataFrame:
+    """Deng's degree of every factor, and with that factor's levels turned round: its highest where its lowest was."""
+    rows = []
+    for k, name in enumerate(NAMES):
+        other = runs.unit.copy()
+        other[:, k] = 1 - other[:, k]
+        turned = replace(runs, unit=other)
+        rows.append({"factor": name} | {
+            f"{degree}{end}": degrees(degree, some, oriented=False)[k]
+            for degree in ("Deng", "T-type") for end, some in (("", runs), (", turned round", turned))
+        })  # fmt: skip
     return pd.DataFrame(rows)
 
 
@@ -229,8 +270,3 @@ def _degree(degree: Callable[[np.ndarray, np.ndarray], np.ndarray], error: np.nd
     if level[0] == 0 and degree in (relations.relative, relations.synthetic):
         return float("nan")  # nothing can be divided by a first level of zero
     return float(degree(error, level[None])[0])
-
-
-def with_errors(runs: Runs, rmse_mm: np.ndarray) -> Runs:
-    """The same runs with other errors."""
-    return replace(runs, rmse_mm=rmse_mm)

@@ -54,8 +54,8 @@ def _run_row(run: Run, entry: dict[str, Any]) -> dict[str, Any]:
     figures = {"rmse_mm": np.nan, "worst_mm": np.nan, "measured": 0, "centre_rms_px": np.nan}
     try:
         found = reexposed(run, seed_of(scene.seed, f"grey run/{entry['run']}"))
-        detected = score_detection(run.world, run.views, found).card()
-        figures["centre_rms_px"] = detected["centre_rms_px"]
+        error_px = score_detection(run.world, run.views, found).error_px
+        figures["centre_rms_px"] = float(np.sqrt((error_px**2).mean())) if len(error_px) else np.nan
         calibration = find("calibrators", scene.measure.calibrator)(
             found, run.field, scene.camera.width_px, scene.camera.height_px, scene.camera.lens, scene.measure.hold
         )

@@ -14,7 +14,7 @@ from testfield.uncertainty.grey_uncertainty import ESTIMATORS, unsorted_uncertai
 
 SIZES = (3, 4, 5, 6, 8, 10, 15, 20, 30)
 ALL: dict[str, Callable[[np.ndarray], np.ndarray]] = ESTIMATORS | {"grey, not sorted": unsorted_uncertainty}
-BATCHES = 20
+BATCHES, PIVOTS = 20, 100_000
 Draw = Callable[[int, int, int, np.random.Generator], np.ndarray]
 """(batch, count, n, rng) to (count, n) values of a law of mean 0 and standard deviation 1."""
 
@@ -87,9 +87,9 @@ def judge(name: str, draw: Draw, n: int, count: int) -> list[dict[str, Any]]:
 def pivots(estimator: str, n: int) -> tuple[float, float, float]:
     """Of n normal values: the 2.5 % and 97.5 % quantiles of estimate / sigma, and the factor k of a 95 % interval.
 
-    From 200 000 samples; Bessel's factor is Student's t.
+    From PIVOTS samples; Bessel's factor is Student's t.
     """
-    sample = generator(0, f"grey pivots/{n}").normal(size=(200_000, n))
+    sample = generator(0, f"grey pivots/{n}").normal(size=(PIVOTS, n))
     u = ALL[estimator](sample)
     k = float(np.quantile(np.abs(sample.mean(axis=1)) * np.sqrt(n) / u, 0.95))
     if estimator == "Bessel":
