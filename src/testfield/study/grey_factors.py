@@ -1,9 +1,9 @@
 """What is varied to find what drives accuracy: eleven factors, one dummy, and the scene that they change.
 
 The scene is small, so that hundreds of it can be rendered: a board, a control bar and ten check targets before half a
-megapixel, none of them ever before another. Its true lens is a pinhole but for what two of the factors add, and calibration holds all distortion at zero:
-what they add is left uncorrected. All runs have the same true world (print errors, the bar's error), and noise of their
-own.
+megapixel, none of them ever before another. Its true lens is a pinhole but for what two of the factors add, and
+calibration holds all distortion at zero: what they add is left uncorrected. All runs have the same true world (print
+errors, the bar's error), and noise of their own.
 """
 
 import math

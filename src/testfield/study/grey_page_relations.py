@@ -80,7 +80,7 @@ def read_relations(table: pd.DataFrame) -> Findings:
         "Deng's lowest degree": float(score["Deng"].min()),
         "tau of Deng with the spread of levels": by_spread,
     }  # fmt: skip
-    verdict = _verdict(runs, by, grey, by_spread, offsets)
+    verdict = _verdict(runs, by, grey, by_spread, offsets, bool(acting.any()))
     tables = [
         Table("Factors", factors, "Shares of the variance of ln RMSE and total Sobol indices with 95 % intervals; p: "
               "that chance gives as much. The dummy's total index is what the runs' own noise gives to every factor.",
@@ -97,13 +97,17 @@ def read_relations(table: pd.DataFrame) -> Findings:
               "the lowest was.", {name: "{:+.3f}" for name in turned_levels.columns if name != "factor"}),
         Table("The same runs in other orders", orders, "Of degrees that compare steps from run to run.",
               {"tau, median": "{:+.2f}", "dummy above an acting factor": "{:.0%}"}),
-        Table("One factor at a time", swept, "As published analyses do it: a sweep of each factor, all others at their "
-              "middles.", {name: "{:.3f}" for name in swept.columns if name != "factor"}),
     ]  # fmt: skip
+    if len(swept):
+        tables.append(Table(
+            "One factor at a time", swept, "As published analyses do it: a sweep of each factor, all others at their "
+            "middles.", {name: "{:.3f}" for name in swept.columns if name != "factor"}))  # fmt: skip
     return Findings(verdict, sentences, tables, _plots(factors, summary, score, swept), figures)
 
 
-def _verdict(runs: Runs, by: pd.DataFrame, grey: pd.DataFrame, by_spread: float, offsets: pd.DataFrame) -> str:
+def _verdict(
+    runs: Runs, by: pd.DataFrame, grey: pd.DataFrame, by_spread: float, offsets: pd.DataFrame, any_acts: bool
+) -> str:
     best = str(grey["tau"].idxmax())
     safe = grey[(grey["dummy above an acting factor"] <= 0.05) & (grey["low"] > 0.5)].index.tolist()
     compared = (
@@ -111,13 +115,19 @@ def _verdict(runs: Runs, by: pd.DataFrame, grey: pd.DataFrame, by_spread: float,
         f"{grey['tau'].min():+.2f} to {grey['tau'].max():+.2f} (best: {best}; plain rank correlation "
         f"{by.loc[SPEARMAN, 'tau']:+.2f})"
     )
+    if not any_acts:
+        return (
+            f"The design is too small to judge grey relational analysis: in it no factor acts beyond doubt; {compared}."
+        )
     if safe:
         return f"Of the grey relational degrees {', '.join(safe)} found what drives accuracy: {compared}."
+    spread = f"Deng's ranking agrees by {by_spread:+.2f} with the mere spread of the factors' levels"
+    if by_spread > by.loc["Deng", "tau"]:
+        spread = f"{spread}, more than with their effect"
     return (
-        f"Grey relational analysis is no safe way to find what drives accuracy: {compared}. Deng's ranking follows "
-        f"the spread of the factors' levels (tau {by_spread:+.2f}) rather than their effect, and puts a factor that "
-        f"does nothing in place {offsets['rank'].max()} or {offsets['rank'].min()} of {len(NAMES)}, by the zero its "
-        "levels are counted from."
+        f"Grey relational analysis is no safe way to find what drives accuracy: {compared}. {spread}, and it puts a "
+        f"factor that does nothing in place {offsets['rank'].max()} or {offsets['rank'].min()} of {len(NAMES)}, by "
+        "the zero its levels are counted from."
     )
 
 
@@ -201,17 +211,15 @@ def _sentences(
         f"Analysis of variance and total Sobol indices agree by Kendall's tau of {by.loc[TOTAL, 'tau']:+.2f}, rank "
         f"correlation and analysis of variance by {by.loc[SPEARMAN, 'tau']:+.2f}; the grey degrees by "
         + ", ".join(f"{by.loc[name, 'tau']:+.2f} ({name})" for name in GREY) + ".",
-        "The dummy stood above at least one acting factor in "
-        + ", ".join(f"{100 * by.loc[name, 'dummy above an acting factor']:.0f} % ({name})" for name in GREY)
-        + f" of the bootstraps; in {100 * by.loc[ANOVA, 'dummy above an acting factor']:.0f} % by analysis of "
-        f"variance and {100 * by.loc[TOTAL, 'dummy above an acting factor']:.0f} % by total Sobol indices.",
+        _about_the_dummy(by, int(acting.sum())),
         f"Deng's degree cannot fall below 1/3: here all {len(NAMES)} factors lie between {deng.min():.3f} and "
         f"{deng.max():.3f}, the dummy at {deng[dummy]:.3f}. A degree of 0.6 or 0.8 by itself says nothing.",
-        "What Deng's ranking follows is the spread of the levels themselves: with a ranking by their coefficient of "
-        f"variation, which knows nothing of any measurement, it agrees by Kendall's tau of {by_spread:+.2f}.",
+        "With a ranking by the coefficient of variation of the factors' levels, which knows nothing of any "
+        f"measurement, Deng's ranking agrees by Kendall's tau of {by_spread:+.2f}; with the analysis of variance by "
+        f"{by.loc['Deng', 'tau']:+.2f}.",
         "Counted from another zero, the dummy's levels "
-        + ", ".join(f"{row['levels of the dummy']} give the degree {row['degree']:.3f} and rank {row['rank']}, "
-            f"above an acting factor in {100 * row['above an acting factor']:.0f} % of bootstraps"
+        + ", ".join(f"{row['levels of the dummy']} give the degree {row['degree']:.3f} and rank {row['rank']} "
+            f"(above an acting factor in {100 * row['above an acting factor']:.0f} % of bootstraps)"
                     for _, row in offsets.iterrows()) + ".",
         _reversed(turned),
         "The other six compare steps from run to run, so they depend on the order of runs, which means nothing in a "
@@ -238,6 +246,19 @@ def _sentences(
             f"of a binocular system puts first (all at least 0.859 there) get {', '.join(published)} here."
         )
     return found
+
+
+def _about_the_dummy(by: pd.DataFrame, acting: int) -> str:
+    """How often nothing is ranked above something."""
+    if not acting:
+        return "In so small a design no factor acts beyond doubt, so nothing can be said of where the dummy belongs."
+    share = by["dummy above an acting factor"]
+    grey = ", ".join(f"{100 * share[name]:.0f} % ({name})" for name in GREY)
+    return (
+        f"The dummy stood above at least one acting factor in {grey} of the bootstraps; in {100 * share[ANOVA]:.0f} % "
+        f"by analysis of variance, {100 * share[SPEARMAN]:.0f} % by rank correlation and {100 * share[TOTAL]:.0f} % "
+        "by total Sobol indices."
+    )
 
 
 def _reversed(turned: dict[str, list[tuple[str, str, str]]]) -> str:

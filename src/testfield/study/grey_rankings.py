@@ -67,8 +67,8 @@ def sequences(unit: np.ndarray, oriented: bool = True) -> np.ndarray:
 
 
 def anova_shares(runs: Runs) -> np.ndarray:
-    """(d,) shares of the variance of log RMSE, by a polynomial of second degree in each factor by itself (of first degree
-    where there are few runs)."""
+    """(d,) shares of the variance of log RMSE, by a polynomial of second degree in each factor by itself (of
+    first degree where there are few runs)."""
     _, coefficient, _ = _regression(runs)
     shares = coefficient[1:].reshape(len(FACTORS), -1) ** 2
     return shares @ [1 / 3, 1 / 5][: shares.shape[1]] / runs.log.var(ddof=1)
