@@ -167,6 +167,10 @@ def test_dengs_example_gives_his_coefficients_and_degrees():
     assert np.allclose(relations.deng(DENG[0], DENG[1:], weights=7 * first), 1)
 
 
+def test_dengs_least_difference_counts_where_no_sequence_touches_the_reference():
+    assert np.allclose(relations.deng(np.array([1.0, 2.0]), np.array([[2.0, 4.0], [3.0, 6.0]])), [0.875, 0.625])
+
+
 def test_dengs_degrees_change_when_another_factor_is_left_out():
     assert np.allclose(relations.deng(DENG[0], DENG[1:3]), [0.7975, 0.6455], atol=5e-5)
 

@@ -224,7 +224,9 @@ def _sentences(
         _reversed(turned),
         "The other six compare steps from run to run, so they depend on the order of runs, which means nothing in a "
         "design: between two orders of the same runs their rankings agree by a median tau of "
-        + ", ".join(f"{row['tau, median']:+.2f} ({row['degree']})" for _, row in orders.iterrows()) + ".",
+        + ", ".join(f"{row['tau, median']:+.2f} ({row['degree']})" for _, row in orders.iterrows())
+        + ". In the order of this design neighbours differ in two factors only, which makes the T-type a kind of "
+        "elementary effect.",
         "Every degree but the T-type is blind to sign: with its levels turned round, as if more of it were better, "
         f"{_words(top[:1])} gets Deng's degree {round_again['Deng, turned round']:.3f} instead of "
         f"{round_again['Deng']:.3f} (T-type: {round_again['T-type, turned round']:+.3f} instead of "
