@@ -16,7 +16,7 @@ from testfield.study.grey_samples import LAWS
 
 RUNS, SAMPLES = "testfield.study.grey_runs", "testfield.study.grey_samples"
 CENTROIDS = ("forward_model", "grey_centroid")
-NOISE_E = 20.0
+NOISE_E = 200.0
 
 
 def cases(quick: bool) -> list[Case]:

@@ -311,6 +311,7 @@ def _draw_shares(axes: Any, data: pd.DataFrame) -> None:
         ax.barh(place, data[key], color=colour, height=0.62)
         ax.hlines(place, data[f"{key}, low"], data[f"{key}, high"], color=INK, lw=1)
         ax.set(xlabel={"share": "share of variance", "total Sobol": "total Sobol index"}[key])
+        ax.set_xlim(0, min(ax.get_xlim()[1], 1.5))  # intervals of small designs have no end
     axes[1].axvline(data.loc[data["factor"] == DUMMY, "total Sobol"].iloc[0], color=WARM, ls=":", lw=1)
     axes[0].set_yticks(place, data["factor"])
     axes[1].set_yticks(place, [""] * len(place))
