@@ -289,7 +289,7 @@ def test_another_workshop_moves_what_was_measured_to_where_its_marks_are(quick: 
 
     from testfield.bench.claims import _moved, _true_px
 
-    drawn = build_world(quick.scene.model_copy(update={"seed": 77}))
+    drawn = build_world(quick.scene, workshop=77)
     observed = observe(quick.world, quick.views, discs=True)
     moved = _moved(observed, quick.world, _true_px(drawn) - _true_px(quick.world))
     wanted = observe(drawn, see(drawn), discs=True)
