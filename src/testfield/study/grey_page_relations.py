@@ -217,10 +217,7 @@ def _sentences(
         "With a ranking by the coefficient of variation of the factors' levels, which knows nothing of any "
         f"measurement, Deng's ranking agrees by Kendall's tau of {by_spread:+.2f}; with the analysis of variance by "
         f"{by.loc['Deng', 'tau']:+.2f}.",
-        "Counted from another zero, the dummy's levels "
-        + ", ".join(f"{row['levels of the dummy']} give the degree {row['degree']:.3f} and rank {row['rank']} "
-            f"(above an acting factor in {100 * row['above an acting factor']:.0f} % of bootstraps)"
-                    for _, row in offsets.iterrows()) + ".",
+        "Counted from another zero, the dummy's levels " + _other_zeros(offsets, bool(acting.any())) + ".",
         _reversed(turned),
         "The other six compare steps from run to run, so they depend on the order of runs, which means nothing in a "
         "design: between two orders of the same runs their rankings agree by a median tau of "
@@ -248,6 +245,16 @@ def _sentences(
             f"of a binocular system puts first (all at least 0.859 there) get {', '.join(published)} here."
         )
     return found
+
+
+def _other_zeros(offsets: pd.DataFrame, any_acts: bool) -> str:
+    """What the dummy gets with its levels counted from other zeros."""
+    words = []
+    for _, row in offsets.iterrows():
+        above = f" (above an acting factor in {100 * row['above an acting factor']:.0f} % of bootstraps)"
+        place = f"{row['levels of the dummy']} give the degree {row['degree']:.3f} and rank {row['rank']}"
+        words.append(place + (above if any_acts else ""))
+    return ", ".join(words)
 
 
 def _about_the_dummy(by: pd.DataFrame, acting: int) -> str:
