@@ -67,8 +67,8 @@ def read(table: pd.DataFrame) -> Findings:
                  "trial (left) and the mean relative residual (right).",
                  wrong[["layout", "way", "bias_x_mm", "bias_y_mm", "bias_z_mm", "mean_relative_ppm"]], _draw_scale,
                  (7.2, 3.2), columns=2),
-            Plot("claims", "Too bold without correlations", "Actual over claimed variance. 1: the claim is true; more: "
-                 "too bold; less: too cautious.", claims_table(right), _draw_claims, (7.2, 3.0)),
+            Plot("claims", "What ignoring the correlations does", "Actual over claimed variance. 1: the claim is "
+                 "true; more: too bold; less: too cautious.", claims_table(right), _draw_claims, (7.2, 3.0)),
         ],
         {
             "trials": trials, "accepted": accepted,
@@ -105,9 +105,9 @@ def sentences(
         point, mean, bias = (of[(quantity, "alone")] for quantity in ("fitted point", "mean residual", "bias"))
         full = of[("fitted point", "covariance")]
         found.append(
-            f"{layout}, correlations ignored: the fitted point's variance is {point:.1f} times what is claimed (full "
-            f"covariance: {full:.2f}), that of the mean relative residual {mean:.1f} times; the bias' variance is "
-            f"{bias:.2f} times its claim, for errors that vertex and end points share cancel in it."
+            f"{layout}, correlations ignored: actual over claimed variance is {point:.1f} for the fitted point (with "
+            f"the full covariance {full:.2f}), {mean:.1f} for the mean relative residual and {bias:.2f} for the bias. "
+            "Errors that all points share make the fitted point worse than that claim, and cancel in the bias."
         )
     for layout in LAYOUTS:
         row = spread[(spread["layout"] == layout) & (spread["way"] == WAYS["equal"])].iloc[0]
