@@ -214,7 +214,7 @@ def build_world(scene: SceneFile, workshop: int | None = None) -> World:
         bars.append(ScaleBar(bar.name, bar.role, bar.codes, bar.length_mm, bar.u_length_mm))
         keep_clear.append((np.array(bar.position_mm), 60.0))
 
-    on_lines, lines = generators.line_cards(scene.measuring_lines, seed)
+    on_lines, lines = generators.line_cards(scene.measuring_lines, made)
     for code, position, normal, diameter in [
         *generators.check_cards(scene.check_targets, seed, keep_clear), *on_lines
     ]:  # fmt: skip
