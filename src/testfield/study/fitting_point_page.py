@@ -118,6 +118,14 @@ def sentences(
             f"{row['length, claimed']:.1f} µm."
         )
     for layout in LAYOUTS:
+        of = _of(right, layout, "covariance")[[f"bias_{axis}_mm" for axis in "xyz"]]
+        mean, error = 1e3 * of.mean(), 1e3 * of.std() / np.sqrt(len(of))
+        told = ", ".join(f"{m:+.1f} ± {e:.1f}" for m, e in zip(mean, error, strict=True))
+        found.append(
+            f"{layout}: the mean bias of all trials is ({told}) µm, with its standard errors. What differs from zero "
+            "there is the same in every exposure: light, lens and detector, not noise or certificates."
+        )
+    for layout in LAYOUTS:
         row = _row(scale, layout, "equal")
         found.append(
             f"{layout}, equal weights, scale wrong by {1e6 * SCALE_ERROR:.0f} ppm: bias {row['bias_mm']:.3f} mm "
@@ -256,9 +264,10 @@ def _draw_blocks(axes: Any, data: pd.DataFrame) -> None:
     axes.axhline(1, color=INK, lw=0.8, ls=":")
     axes.set_xlabel(f"block of {data['trials'].iloc[0] if len(data) else THESIS} trials")
     axes.set_ylabel("beyond the 95 % limit")
-    axes.set_ylim(-0.5, None)
+    axes.set_xlim(0.5, data["block"].max() + 0.5 if len(data) else 1.5)
+    axes.set_ylim(-0.5, max(12.5, data["beyond"].max() + 2.5) if len(data) else 12.5)
     axes.xaxis.get_major_locator().set_params(integer=True)
-    axes.legend(frameon=False)
+    axes.legend(frameon=False, loc="upper left", ncols=2)
 
 
 def _draw_scale(both: Any, data: pd.DataFrame) -> None:
