@@ -68,13 +68,14 @@ class MeasuredLengths:
     def rows(self, limit: Limit | None = None) -> list[dict[str, Any]]:
         """One dict a length: what the table of the test shows."""
         e = [None] * len(self) if limit is None else limit.of(self.calibrated_mm).tolist()
+        u_measured, dl, en = self.u_measured_mm, self.dl_mm, self.en
         return [
             {
                 "line": self.line[k], "codes": [int(code) for code in self.codes[k]],
                 "calibrated_mm": float(self.calibrated_mm[k]), "u_calibrated_mm": float(self.u_calibrated_mm[k]),
-                "measured_mm": float(self.measured_mm[k]), "u_measured_mm": float(self.u_measured_mm[k]),
-                "dl_mm": float(self.dl_mm[k]), "en": float(self.en[k]), "limit_mm": e[k],
-                "within": None if limit is None else bool(abs(self.dl_mm[k]) <= e[k]),
+                "measured_mm": float(self.measured_mm[k]), "u_measured_mm": float(u_measured[k]),
+                "dl_mm": float(dl[k]), "en": float(en[k]), "limit_mm": e[k],
+                "within": None if limit is None else bool(abs(dl[k]) <= e[k]),
             }
             for k in range(len(self))
         ]  # fmt: skip
