@@ -74,7 +74,7 @@ def read(table: pd.DataFrame) -> Findings:
             "trials": trials, "accepted": accepted,
             **{f"within_{row.layout}_{key}": int(row.within) for key, way in WAYS.items()
                for row in hits[hits["way"] == way].itertuples()},
-            **{f"beyond_of_{THESIS}_{row.layout}": int(row.beyond) for row in first.itertuples()},
+            **{f"beyond_of_{row.trials}_{row.layout}": int(row.beyond) for row in first.itertuples()},
             "scale_flagged_symmetric": symmetric["flagged"], "scale_flagged_one_sided": one_sided["flagged"],
             "points_anees": float(right["points_anees"].mean()),
         },
