@@ -8,7 +8,7 @@ from importlib import import_module
 from testfield.errors import TestfieldError
 
 COMMANDS = (
-    "run", "stage", "detect", "measure", "uncertainty", "study", "validate", "preview", "certify", "bench",
+    "run", "stage", "detect", "measure", "uncertainty", "accept", "study", "validate", "preview", "certify", "bench",
     "codes", "list", "schema",
 )  # fmt: skip
 

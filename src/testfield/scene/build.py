@@ -214,7 +214,10 @@ def build_world(scene: SceneFile, workshop: int | None = None) -> World:
         bars.append(ScaleBar(bar.name, bar.role, bar.codes, bar.length_mm, bar.u_length_mm))
         keep_clear.append((np.array(bar.position_mm), 60.0))
 
-    for code, position, normal, diameter in generators.check_cards(scene.check_targets, seed, keep_clear):
+    on_lines, lines = generators.line_cards(scene.measuring_lines, made)
+    for code, position, normal, diameter in [
+        *generators.check_cards(scene.check_targets, seed, keep_clear), *on_lines
+    ]:  # fmt: skip
         side = (radii.quiet + CARD_MARGIN) * diameter
         panel = parts.panel(f"check {code}", facing(normal), position, (side, side), CARD_THICKNESS_MM)
         parts.mark(panel, np.zeros(2), diameter, code, CHECK)
@@ -269,6 +272,7 @@ def build_world(scene: SceneFile, workshop: int | None = None) -> World:
         scene.paint.white_on_black,
         1e-6 * scene.u_print_scale_ppm,
         scene.code_radii,
+        measuring_lines=tuple(lines),
     )
     return World(
         scene.name, seed, float(np.linalg.norm(scene.volume.size_mm)), _panels(parts, carried), _marks(parts, radii),

@@ -9,7 +9,7 @@ from testfield.scene.blur import blur_circles_px, streaks_px
 from testfield.scene.check_patterns import check_patterns, pattern_warnings
 from testfield.scene.exposure import check_exposure
 from testfield.scene.meshes import inside
-from testfield.scene.schema import BoardPart, MeshPart, ScaleBarPart, SceneFile, SurfacePart
+from testfield.scene.schema import BoardPart, MeasuringLinePart, MeshPart, ScaleBarPart, SceneFile, SurfacePart
 from testfield.scene.truth import Views
 from testfield.scene.world import World
 from testfield.targets.ring_code import code_words
@@ -150,9 +150,10 @@ def retro_reflectance(coefficient: float, half_observation_deg: float) -> float:
 
 
 def _unique_names(scene: SceneFile, source: str) -> None:
-    groups: dict[str, tuple[BoardPart | ScaleBarPart | SurfacePart | MeshPart, ...]] = {
+    groups: dict[str, tuple[BoardPart | ScaleBarPart | MeasuringLinePart | SurfacePart | MeshPart, ...]] = {
         "boards": scene.boards,
         "scale_bars": scene.scale_bars,
+        "measuring_lines": scene.measuring_lines,
         "room.surfaces": scene.room.surfaces,
         "meshes": scene.meshes,
     }

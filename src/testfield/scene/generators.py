@@ -10,6 +10,7 @@ from testfield.scene.schema import (
     CheckOnMesh,
     CheckPart,
     CheckRandom,
+    MeasuringLinePart,
     StationArc,
     StationGrid,
     StationPart,
@@ -17,6 +18,7 @@ from testfield.scene.schema import (
     StationSingle,
 )
 from testfield.seeds import generator
+from testfield.targets.field import MeasuringLine
 
 LARGEST_BOX_MM = 1e6
 MOST_IN_VAIN = 2000
@@ -96,6 +98,28 @@ def check_cards(
         first = part.first_code if isinstance(part, (CheckGrid, CheckRandom)) else part.code
         cards += [(first + k, p, n, part.diameter_mm) for k, (p, n) in enumerate(zip(positions, normals, strict=True))]
     return cards
+
+
+def line_cards(
+    parts: tuple[MeasuringLinePart, ...], seed: int
+) -> tuple[list[tuple[int, np.ndarray, np.ndarray, float]], list[MeasuringLine]]:
+    """Cards of the targets on measuring lines, as `check_cards` gives them, and what the sheet says of the lines.
+
+    The sheet has the lengths of the scene; the true ones differ by draws from their uncertainty.
+    """
+    cards: list[tuple[int, np.ndarray, np.ndarray, float]] = []
+    sheets = []
+    for part in parts:
+        off = part.u_length_mm * generator(seed, f"measuring_line/{part.name}").standard_normal(len(part.lengths_mm))
+        at = np.concatenate([[0.0], part.lengths_mm + off])
+        codes = tuple(part.first_code + k for k in range(len(at)))
+        along, normal = unit(np.array(part.direction)), unit(np.array(part.normal))
+        cards += [
+            (code, np.array(part.start_mm) + d * along, normal, part.diameter_mm)
+            for code, d in zip(codes, at, strict=True)
+        ]
+        sheets.append(MeasuringLine(part.name, codes, part.lengths_mm, part.u_length_mm))
+    return cards, sheets
 
 
 def _random_places(

@@ -2,6 +2,7 @@
 
 import math
 import re
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -535,6 +536,38 @@ CheckPart = Annotated[
 ]
 
 
+class MeasuringLinePart(_Part):
+    """Check targets along a line, with calibrated distances from the first: for `testfield accept`."""
+
+    name: Label = Field(description="Unique name.")
+    first_code: PositiveInt = Field(description="Number of the target at the start; the rest follow along the line.")
+    start_mm: Vector3 = Field(description="Where the first target is.")
+    direction: Direction = Field(description="From the first target to the others; any length.")
+    lengths_mm: tuple[PositiveFloat, ...] = Field(
+        min_length=1, max_length=100,
+        description="Calibrated distances of the other targets from the first; five or more in VDI/VDE 2634 part 1.",
+    )  # fmt: skip
+    u_length_mm: float = Field(
+        0.002, ge=0, description="Standard uncertainty of these distances; the true ones differ by draws from it."
+    )
+    normal: Direction = Field((0, -1, 0), description="Direction the targets face.")
+    diameter_mm: PositiveFloat = Field(20, description="Diameter of the central dots.")
+
+    @model_validator(mode="after")
+    def _ascending(self) -> "MeasuringLinePart":
+        if any(a >= b for a, b in pairwise(self.lengths_mm)):
+            raise ValueError(f"lengths_mm {list(self.lengths_mm)} do not grow from one target to the next")
+        return self
+
+
+class AcceptancePart(_Part):
+    """The limit of the length measurement error, E = A + K L but no more than B, for `testfield accept`."""
+
+    a_mm: float = Field(ge=0, description="A: the part that does not depend on the length.")
+    k_ppm: float = Field(0, ge=0, description="K: the part that grows with the length, in mm a kilometre.")
+    b_mm: PositiveFloat | None = Field(None, description="B: the most that the limit may be; absent for none.")
+
+
 class _Aimed(_Part):
     look_at_mm: Vector3 = Field((0, 0, 1500), description="Point the optical axis goes through.")
     roll_deg: tuple[float, ...] = Field(
@@ -815,6 +848,10 @@ class SceneFile(_Part):
     scale_bars: tuple[ScaleBarPart, ...] = Field((), description="Scale bars.")
     meshes: tuple[MeshPart, ...] = Field((), description="Bodies from mesh files, in the way or to carry targets.")
     check_targets: tuple[CheckPart, ...] = Field((), description="Targets whose true positions only scoring knows.")
+    measuring_lines: tuple[MeasuringLinePart, ...] = Field(
+        (), description="Lines of check targets whose distances are calibrated, for `testfield accept`."
+    )
+    acceptance: AcceptancePart | None = Field(None, description="The limit that `testfield accept` judges by.")
     target_motion: TargetMotionPart | None = Field(
         None, description="How all that carries marks moves during the exposure, in the world."
     )

@@ -48,7 +48,7 @@ def scorecard(world: World, views: Views, observations: Path, calibration: Path,
 
 def write_scorecard(card: dict[str, Any], path: Path) -> None:
     """Write as JSON; a figure that does not exist is null."""
-    path.write_text(json.dumps(_plain(card), indent=1, allow_nan=False))
+    path.write_text(json.dumps(plain(card), indent=1, allow_nan=False))
 
 
 def figure(card: dict[str, Any], key: str) -> Any:
@@ -70,11 +70,12 @@ def ten_figures(card: dict[str, Any]) -> list[tuple[str, str]]:
     return rows
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
+    """The same as JSON can hold it: no NumPy, and null for a number that is not one."""
     if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
+        return {key: plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
+        return [plain(item) for item in value]
     if hasattr(value, "item"):
         value = value.item()
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -69,6 +69,17 @@ class Wand:
 
 
 @dataclass(frozen=True)
+class MeasuringLine:
+    """Coded targets on a line for a length measurement test: `codes` in order, the calibrated distances `length_mm`
+    of all but the first from the first, and their standard uncertainty `u_length_mm`. No adjustment may use them."""
+
+    name: str
+    codes: tuple[int, ...]
+    length_mm: tuple[float, ...]
+    u_length_mm: float
+
+
+@dataclass(frozen=True)
 class Field:
     """The field sheet.
 
@@ -85,6 +96,7 @@ class Field:
     u_scale: float = 0.0
     code_radii: str = USUAL
     wands: tuple[Wand, ...] = ()
+    measuring_lines: tuple[MeasuringLine, ...] = ()
 
     @property
     def radii(self) -> RingRadii:
@@ -117,6 +129,7 @@ class Field:
             "scale_bars": bars,
             "loose_diameter_mm": {str(code): d for code, d in self.loose.items()},
             **({"wands": [asdict(wand) for wand in self.wands]} if self.wands else {}),
+            **({"measuring_lines": [asdict(line) for line in self.measuring_lines]} if self.measuring_lines else {}),
         }
         path.write_text(json.dumps(sheet, indent=1))
 
@@ -153,7 +166,11 @@ class Field:
         wands = tuple(
             Wand(w["name"], tuple(w["codes"]), tuple(w["at_mm"]), w.get("u_mm", 0.0)) for w in sheet.get("wands", ())
         )
-        return Field(sheet["bits"], boards, bars, loose, sheet["white_on_black"], sheet["u_scale"], radii, wands)
+        lines = tuple(
+            MeasuringLine(line["name"], tuple(line["codes"]), tuple(line["length_mm"]), line["u_length_mm"])
+            for line in sheet.get("measuring_lines", ())
+        )
+        return Field(sheet["bits"], boards, bars, loose, sheet["white_on_black"], sheet["u_scale"], radii, wands, lines)
 
 
 def _pose(data: dict) -> CertifiedPose:
