@@ -44,8 +44,8 @@ METHODS = {
     "midpoint": midpoint, "dlt": dlt, "dlt_p34": dlt_p34, "parametric_wls": parametric_wls, "gls": gls, "ml": ml,
     "bundle": bundle, "opencv": opencv, "colmap": colmap,
 }  # fmt: skip
-NOISES = {"low": {"time_ms": 7.0, "read_noise_e": 2.3}, "high": {"time_ms": 0.8, "read_noise_e": 6.0}}
-"""White gathers about 7,000 electrons, or 800."""
+NOISES = {"low": {"time_ms": 0.8, "read_noise_e": 6.0}, "high": {"time_ms": 0.15, "read_noise_e": 6.0}}
+"""White gathers about 800 electrons, or 150: centres of dots err by about 0.01 or 0.03 px."""
 WORKSHOP = {"print_mm": 0.02, "scale_ppm": 20.0, "bar_mm": 0.005}
 """Standard deviations of each coordinate of each mark, of the boards' common scale, of the bar's length."""
 NUMBERS = (2, 3, 4, 6, 8, 12, 16)

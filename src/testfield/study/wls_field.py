@@ -45,7 +45,7 @@ def field_scene(spread: bool, stations: int = 16) -> dict[str, Any]:
     ends = np.array([_place(-4.0, 5.0, -40.0), _place(4.0, 5.0, -40.0)])
     length = float(np.linalg.norm(ends[1] - ends[0]))
     return {
-        "name": "wls_spread" if spread else "wls_equal", "seed": 41, "u_print_scale_ppm": 0,
+        "name": "wls_spread" if spread else "wls_equal", "seed": 41, "code_bits": 12, "u_print_scale_ppm": 0,
         "volume": {"size_mm": [1500, 1200, 200]},
         "camera": {
             "width_px": 2048, "height_px": 1792, "pixel_pitch_um": 4.5, "focal_length_mm": 9.0,
@@ -64,7 +64,7 @@ def field_scene(spread: bool, stations: int = 16) -> dict[str, Any]:
             for k, cell in enumerate(_cells("x"))
         ],
         "stations": [_station(k, spread) for k in range(stations)],
-        "render": {"light_paths": 1024, "light_spacing_mm": 100},
+        "render": {"light_paths": 16384, "light_spacing_mm": 100},
     }  # fmt: skip
 
 
