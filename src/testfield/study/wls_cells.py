@@ -12,6 +12,9 @@ from testfield.study.wls import P
 CELL = ["ranges", "noise", "calibration", "cameras"]
 OLS, WLS = "midpoint", "parametric_wls"
 RESAMPLES = 2000
+SUMS = (
+    "points", "square_mm2", "claimed_mm2", "frame_mm2", "hits", "together", "single", "narrow", "laws", "laws_ranges",
+)  # fmt: skip
 MEASURABLE = 0.01
 """A part by which an error must differ to be called better or worse, however narrow its interval."""
 
@@ -34,11 +37,12 @@ def cells(table: pd.DataFrame) -> pd.DataFrame:
     # The first row is the experiment as it was.
     draws = np.vstack([np.ones(len(exposures)), draws])
     rows = []
-    for key, part in good.groupby(CELL, observed=True, sort=False):
-        sums = {}
-        for method, own in part.groupby("method", sort=False):
-            each = own.groupby("exposure").sum(numeric_only=True).reindex(exposures, fill_value=0.0)
-            sums[str(method)] = {name: draws @ each[name].to_numpy(float) for name in each.columns}
+    totals = good.groupby([*CELL, "method", "exposure"], observed=True, sort=False)[list(SUMS)].sum(min_count=1)
+    for key, part in totals.groupby(level=CELL, observed=True, sort=False):
+        sums: dict[str, dict[str, np.ndarray]] = {}
+        for method, own in part.droplevel(CELL).groupby(level="method", sort=False):
+            each = own.droplevel("method").reindex(exposures, fill_value=0.0).to_numpy(float)
+            sums[str(method)] = dict(zip(SUMS, (draws @ each).T, strict=True))
         for method, s in sums.items():
             ratio = {
                 "rmse_mm": np.sqrt(s["square_mm2"] / (3 * s["points"])),
@@ -49,7 +53,8 @@ def cells(table: pd.DataFrame) -> pd.DataFrame:
             }  # fmt: skip
             row = dict(zip(CELL, key, strict=True)) | {"method": method, "points": int(s["points"][0])}
             for name, values in ratio.items():
-                low, high = np.nanquantile(values[1:], [0.5 - P / 2, 0.5 + P / 2])
+                drawn = values[1:][np.isfinite(values[1:])]  # not where a draw has no exposure that gave points
+                low, high = np.quantile(drawn, [0.5 - P / 2, 0.5 + P / 2]) if len(drawn) else (np.nan, np.nan)
                 row |= {name: values[0], f"{name}_low": low, f"{name}_high": high}
             rows.append(row | {
                 "predicted_mm": np.sqrt(s["claimed_mm2"][0] / (3 * s["points"][0])),
