@@ -10,6 +10,7 @@ from testfield.seeds import generator
 from testfield.study.wls import P
 
 CELL = ["ranges", "noise", "calibration", "cameras"]
+ORDER = {"equal": 0, "spread": 1, "low": 0, "high": 1, "exact": 0, "estimated": 1}
 OLS, WLS = "midpoint", "parametric_wls"
 RESAMPLES = 2000
 SUMS = (
@@ -26,7 +27,6 @@ def cells(table: pd.DataFrame) -> pd.DataFrame:
     if good.empty:
         raise TestfieldError("no case gave any points", "study wls", "look at the failures in results.parquet")
     good = good.assign(
-        calibration=pd.Categorical(good["calibration"], ["exact", "estimated"]),
         together=good["nees"] * good["points"], single=good["nees_points"] * good["points"],
         narrow=good["nees_narrow"] * good["points"], laws=good["law_noise"] * good["points"],
         laws_ranges=good["law_ranges"] * good["points"],
@@ -63,7 +63,12 @@ def cells(table: pd.DataFrame) -> pd.DataFrame:
                 "coverage": s["hits"][0] / s["points"][0], "law_noise": s["laws"][0] / s["points"][0],
                 "law_ranges": s["laws_ranges"][0] / s["points"][0],
             })  # fmt: skip
-    return pd.DataFrame(rows).sort_values(CELL, kind="stable", ignore_index=True)
+    return pd.DataFrame(rows).sort_values(
+        CELL,
+        kind="stable",
+        ignore_index=True,
+        key=lambda column: column.map(ORDER) if column.name != CELL[-1] else column,
+    )
 
 
 def compare(row: Any) -> str:

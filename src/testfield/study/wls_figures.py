@@ -15,6 +15,8 @@ CLAIMS = {
     "pixels alone (ml)": (WARM, "o"), "block-diagonal (parametric_wls)": ("#d99a2b", "s"),
     "sandwich (parametric_wls)": (ACCENT, "o"), "sandwich (gls)": (INK, "D"), "sandwich (bundle)": ("#8450a8", "P"),
 }  # fmt: skip
+MANY = 6
+"""From so many cameras on the law of many cameras is drawn."""
 SHOWN_AS_GAIN = ("dlt_p34", "parametric_wls", "ml", "gls", "bundle")
 
 
@@ -25,7 +27,7 @@ def draw_rmse(axes: Any, data: pd.DataFrame) -> None:
             colour, mark = LOOKS[method]
             _points(place, rows, "rmse_um", "rmse_low_um", "rmse_high_um", colour, mark, method)
             place.plot(rows["cameras"], rows["predicted_um"], color=colour, lw=0.8, ls="--")
-        place.set_yscale("log")
+        _logarithmic(place)
         place.set_ylabel("RMSE a coordinate (µm)")
     _finish(axes, data)
 
@@ -37,7 +39,7 @@ def draw_gain(axes: Any, data: pd.DataFrame) -> None:
             colour, mark = LOOKS[method]
             _points(place, rows, "gain", "gain_low", "gain_high", colour, mark, method)
             place.plot(rows["cameras"], rows["gain_predicted"], color=colour, lw=0.8, ls="--")
-        law = part.groupby("cameras")["law_noise"].first()
+        law = part[part["cameras"] >= MANY].groupby("cameras")["law_noise"].first()
         place.plot(law.index, law, color=FAINT, lw=3, zorder=0, label="law of many cameras")
         place.axhline(1, color=FAINT, lw=0.8)
         place.set_ylabel("RMSE midpoint / RMSE method")
@@ -50,7 +52,7 @@ def draw_claims(axes: Any, data: pd.DataFrame) -> None:
         for claim, rows in part.groupby("claim", sort=False):
             _points(place, rows, "nees", "nees_low", "nees_high", *CLAIMS[claim], claim)
         place.axhline(1, color=FAINT, lw=0.8)
-        place.set_yscale("log")
+        _logarithmic(place)
         place.set_ylabel("NEES a degree of freedom")
     _finish(axes, data)
 
@@ -60,6 +62,15 @@ def _points(place: Any, rows: pd.DataFrame, value: str, low: str, high: str, col
     place.errorbar(
         rows["cameras"], rows[value], yerr=off, color=colour, marker=mark, ms=3.5, lw=0.9, elinewidth=0.8, label=name
     )
+
+
+def _logarithmic(place: Any) -> None:
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    place.set_yscale("log")
+    place.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    place.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    place.yaxis.set_minor_formatter(NullFormatter())
 
 
 def _panels(axes: Any, data: pd.DataFrame, down: str, across: str) -> list[tuple[Any, pd.DataFrame]]:

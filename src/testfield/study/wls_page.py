@@ -38,11 +38,11 @@ def judge(found: pd.DataFrame) -> tuple[str, str]:
     harmed = many["word"] == "worse"
     told = "; ".join(_counted(wls, kind) for kind in wls["calibration"].unique())
     if gained.all() and not harmed.any():
-        status, head = "holds", "The claim holds where the cameras' distances differ"
+        status, head = "holds", "The claim holds"
     elif gained.any() and harmed.mean() < 0.5:
         status, head = "holds in part", "The claim holds in part"
     else:
-        status, head = "fails", "The claim fails here"
+        status, head = "fails", "The claim fails"
     best = found[(found["calibration"] == "estimated") & (found["ranges"] == "spread") & (found["method"] == "gls")]
     tail = ""
     if len(best):
@@ -51,37 +51,39 @@ def judge(found: pd.DataFrame) -> tuple[str, str]:
             f" Under an estimated calibration and spread ranges the thesis' weights gain {_span(kept['gain'])}, those "
             f"of GLS, which know what the cameras share, {_span(best['gain'])}."
         )
-    return f"{head}: {told}.{tail}", status
+    return f"{head}: {told}. Few are up to {FEW} cameras, many {MANY} and more.{tail}", status
 
 
 def _counted(wls: pd.DataFrame, kind: str) -> str:
     parts = []
-    for ranges in wls["ranges"].unique():
-        part = wls[(wls["calibration"] == kind) & (wls["ranges"] == ranges)]
-        few, many = part[part["cameras"] <= FEW], part[part["cameras"] >= MANY]
-        parts.append(f"{ranges} ranges, few cameras {_words(few)}, many {_words(many)}")
-    return f"calibration {kind}, " + ", ".join(parts)
+    for ranges in ("spread", "equal"):
+        part = _of(wls, calibration=kind, ranges=ranges)
+        if len(part):
+            few, many = part[part["cameras"] <= FEW], part[part["cameras"] >= MANY]
+            parts.append(f"at {ranges} ranges it is {_words(few)} with few cameras and {_words(many)} with many")
+    return f"with the calibration {kind}, " + ", ".join(parts)
 
 
 def _words(part: pd.DataFrame) -> str:
-    names = [f"{word} in {n}" for word in ("better", "equal", "worse") if (n := int((part["word"] == word).sum()))]
-    return f"{' and '.join(names)} of {len(part)} cells"
+    words = {"better": "better", "equal": "no different", "worse": "worse"}
+    counts = {told: int((part["word"] == word).sum()) for word, told in words.items()}
+    if max(counts.values()) == len(part):
+        return next(told for told, n in counts.items() if n == len(part))
+    return " and ".join(f"{told} in {n} of {len(part)} cells" for told, n in counts.items() if n)
 
 
 def answers(found: pd.DataFrame, table: pd.DataFrame) -> list[str]:
     """When weighting pays, how much, and what it costs to ignore that cameras share errors."""
     most = found["cameras"].max()
     sentences = []
-    for kind in ("exact", "estimated"):
+    for kind in found["calibration"].unique():
         for ranges in ("spread", "equal"):
             part = _of(found, calibration=kind, ranges=ranges, method=WLS)
-            if len(part):
-                listed = ", ".join(f"{n}: {_gains(rows)}" for n, rows in part.groupby("cameras"))
-                sentences.append(
-                    f"Weighting by parametric_wls, {ranges} ranges, calibration {kind}: RMSE of the midpoint over that "
-                    f"of parametric_wls by number of cameras, at {' / '.join(part['noise'].unique())} noise, with the "
-                    f"interval and, after an arrow, the sandwich's prediction. {listed}."
-                )
+            told = "; ".join(f"{n} cameras {_gains(part[part['cameras'] == n])}" for n in _some(part["cameras"]))
+            sentences.append(
+                f"Calibration {kind}, {ranges} ranges: the midpoint's RMSE is so many times that of parametric_wls "
+                f"(with its interval, and as predicted by the sandwich): {told}."
+            )
     last = _of(found, calibration="exact", ranges="spread", method=WLS, cameras=most)
     if len(last):
         sentences.append(
@@ -118,13 +120,14 @@ def _ignoring(found: pd.DataFrame) -> list[str]:
         return []
     worst = wls.loc[wls["over_gls"].idxmax()]
     return [
-        "Ignoring that cameras share errors, as parametric_wls does, costs in error: its RMSE is "
-        f"{_span(wls['over_gls'])} times that of GLS over all cells with estimated calibration; at worst "
+        "Ignoring that cameras share errors, as parametric_wls does, costs accuracy: with an estimated calibration its "
+        f"RMSE is {_span(wls['over_gls'])} times that of GLS; at worst "
         f"{worst.over_gls:.2f} ({worst.over_gls_low:.2f} to {worst.over_gls_high:.2f}) with {worst.cameras} cameras, "
-        f"{worst.ranges} ranges, {worst.noise} noise. Weights of pixels alone (ml) give {_span(ml['over_gls'])}: "
-        "much of what the calibration's covariance says of one camera by itself is common to all of them, and a weight "
-        "that takes it for that camera's own noise blurs what the pixels' noise would have told.",
-        f"And it costs in truth: the points' NEES is {_span(wls['nees_narrow'], 1)} under the block-diagonal claim, "
+        f"{worst.ranges} ranges, {worst.noise} noise. Weights of pixels alone (ml) give {_span(ml['over_gls'])} "
+        "times that of GLS: what the calibration says of one camera by itself contains what all cameras share (the "
+        "frame of the first board above all), and weights that take it for that camera's own noise level out the "
+        "differences that the rays really have.",
+        f"And it costs truth: the points' NEES is {_span(wls['nees_narrow'], 1)} under the block-diagonal claim, "
         f"{_span(ml['nees_narrow'], 1)} under that of pixels alone, and {_span(wls['nees_points'])} under the sandwich "
         "that knows the correlation (1 is true; single points, after the fit).",
         f"One adjustment of all points and cameras together (bundle) has {_span(bundle['over_gls'])} times the RMSE of "
@@ -289,9 +292,17 @@ def _of(found: pd.DataFrame, **values: Any) -> pd.DataFrame:
 
 
 def _gains(rows: pd.DataFrame) -> str:
-    return " / ".join(
-        f"{r.gain:.2f} ({r.gain_low:.2f}–{r.gain_high:.2f}) → {r.gain_predicted:.2f}" for r in rows.itertuples()
+    return ", ".join(
+        f"{row.gain:.2f} ({row.gain_low:.2f} to {row.gain_high:.2f}, predicted {row.gain_predicted:.2f}) "
+        f"at {row.noise} noise"
+        for row in rows.itertuples()
     )
+
+
+def _some(numbers: pd.Series) -> list[int]:
+    """The fewest cameras, the most that are few, and the most."""
+    each = sorted(numbers.unique())
+    return sorted({each[0], max([n for n in each if n <= FEW], default=each[0]), each[-1]})
 
 
 def _span(values: pd.Series, digits: int = 2) -> str:
