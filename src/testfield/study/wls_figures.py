@@ -40,7 +40,7 @@ def draw_gain(axes: Any, data: pd.DataFrame) -> None:
             _points(place, rows, "gain", "gain_low", "gain_high", colour, mark, method)
             place.plot(rows["cameras"], rows["gain_predicted"], color=colour, lw=0.8, ls="--")
         law = part[part["cameras"] >= MANY].groupby("cameras")["law_noise"].first()
-        place.plot(law.index, law, color=FAINT, lw=3, zorder=0, label="law of many cameras")
+        place.plot(law.index, law, color=FAINT, lw=3, marker="s", ms=4, zorder=0, label="law of many cameras")
         place.axhline(1, color=FAINT, lw=0.8)
         place.set_ylabel("RMSE midpoint / RMSE method")
     _finish(axes, data)

@@ -125,7 +125,7 @@ def _ignoring(found: pd.DataFrame) -> list[str]:
         f"{worst.over_gls:.2f} ({worst.over_gls_low:.2f} to {worst.over_gls_high:.2f}) with {worst.cameras} cameras, "
         f"{worst.ranges} ranges, {worst.noise} noise. Weights of pixels alone (ml) give {_span(ml['over_gls'])} "
         "times that of GLS: what the calibration says of one camera by itself contains what all cameras share (the "
-        "frame of the first board above all), and weights that take it for that camera's own noise level out the "
+        "same misprinted marks, the same lens), and weights that take it for that camera's own noise level out the "
         "differences that the rays really have.",
         f"And it costs truth: the points' NEES is {_span(wls['nees_narrow'], 1)} under the block-diagonal claim, "
         f"{_span(ml['nees_narrow'], 1)} under that of pixels alone, and {_span(wls['nees_points'])} under the sandwich "
