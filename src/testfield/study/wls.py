@@ -53,7 +53,7 @@ MOST_OF_THEM = 0.75
 """Of so many of the cameras a target must have been measured to be compared."""
 EXPOSURES = 24
 """Times 44 check targets: 1,056 points in a cell, 2,112 where two sets of cameras make one."""
-QUICK_NUMBERS, QUICK_EXPOSURES = (2, 4, 8), 4
+QUICK_NUMBERS, QUICK_EXPOSURES = (2, 4, 8), 3
 P = 0.95
 
 
