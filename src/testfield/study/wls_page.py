@@ -165,8 +165,8 @@ def remarks(found: pd.DataFrame, table: pd.DataFrame) -> list[str]:
             f"With the calibration exact the claim is too small in {len(more)} of {len(exact)} cells, most at "
             f"{worst.noise} noise, {worst.ranges} ranges and {worst.cameras} cameras: NEES {worst.nees:.2f} "
             f"({worst.nees_low:.2f} to {worst.nees_high:.2f}), RMSE {1e3 * worst.rmse_mm:.1f} µm where noise alone "
-            f"gives {1e3 * worst.predicted_mm:.1f}. That part of the centres' errors comes again in every exposure; neither "
-            "weights nor more cameras lessen it as they lessen noise."
+            f"gives {1e3 * worst.predicted_mm:.1f}. That part of the centres' errors comes again in every exposure: "
+            "neither weights nor more cameras lessen it as they lessen noise."
         )
     estimated = _of(found, calibration="estimated", method="gls")
     if len(estimated):
