@@ -167,7 +167,17 @@ def _rms(sights: Sights, rays: Rays) -> np.ndarray:
 
 
 def _sizes(solved: Solved, calibration: Calibration) -> np.ndarray:
-    """(n, k) residuals in standard deviations of pixel and calibration, zero where there is no ray."""
-    variance = pixel_covariance(solved.sights, solved.rays, calibration)
-    residual = solved.rays.residual_px[..., None]
-    return np.sqrt((residual * np.linalg.solve(variance, residual)).sum(axis=(-1, -2)))
+    """(n, k) residuals in standard deviations of pixel and calibration, zero where there is no ray.
+
+    A method with other weights than the rays deserve moves the point towards bad rays and leaves good ones with
+    residuals that are larger than their own noise; what a residual has beyond it is no sign of a wrong ray.
+    """
+    n, k = solved.sights.there.shape
+    own = np.linalg.cholesky(pixel_covariance(solved.sights, solved.rays, calibration))
+    white = np.where(solved.sights.there[..., None, None], np.linalg.inv(own), 0)
+    J = (white @ solved.rays.by_point).reshape(n, 2 * k, 3)
+    gain = (solved.gain.reshape(n, 3, k, 2).swapaxes(1, 2) @ own).swapaxes(1, 2).reshape(n, 3, 2 * k)
+    left = (np.eye(2 * k) - J @ gain).reshape(n, k, 2, 2 * k)
+    spread, axes = np.linalg.eigh(left @ np.swapaxes(left, -1, -2))
+    residual = np.einsum("nkji,nkjl,nkl->nki", axes, white, solved.rays.residual_px)
+    return np.sqrt((residual**2 / np.maximum(spread, 1)).sum(axis=-1))
