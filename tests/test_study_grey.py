@@ -54,7 +54,7 @@ def _runs(base_rows: int, noise: float) -> grey_rankings.Runs:
 
 
 def test_every_run_of_the_plan_is_made_once_and_shares_its_picture_with_all_that_look_alike():
-    for quick, pictures, runs in ((True, 4 * 12, 4 * 14), (False, 32 * 12 + 41, 32 * 14 + 60)):
+    for quick, pictures, runs in ((True, 4 * 12, 4 * 14), (False, 16 * 12 + 41, 16 * 14 + 60)):
         cases = [case for case in grey.cases(quick) if case.labels["part"] == "runs"]
         entries = [entry for case in cases for entry in case.options["runs"]]
         assert len({entry["run"] for entry in entries}) == len(entries) == runs
