@@ -57,6 +57,17 @@ def test_after_a_kill_only_what_is_missing_is_done(tmp_path: Path) -> None:
     pd.testing.assert_frame_equal(again, whole)
 
 
+def test_what_is_finished_so_far_can_be_read_while_the_rest_is_not(tmp_path: Path) -> None:
+    run_cases(_cases(range(2)), tmp_path)
+    DONE.clear()
+    assert run_cases(_cases(range(4)), tmp_path, so_far=True)["n"].unique().tolist() == [0, 1] and not DONE
+    study = Study("squares", "Squares", "They grow.", lambda quick: _cases(range(4)), lambda table: Findings("So.", []))
+    run_study(study, tmp_path, False, 1, so_far=True)
+    assert "2 of 4 cases are done" in (tmp_path / "report.html").read_text()
+    with pytest.raises(TestfieldError, match="no case is finished"):
+        run_study(study, tmp_path / "empty", False, 1, so_far=True)
+
+
 def test_a_case_that_fails_says_why_and_is_tried_again(tmp_path: Path) -> None:
     cases = _cases(range(2), hopeless=[1])
     table = run_cases(cases, tmp_path)

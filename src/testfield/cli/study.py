@@ -13,6 +13,7 @@ def add(commands: Any) -> None:
     )
     p.add_argument("name", metavar="NAME", help="wls, grey, fitting_point or stitching")
     p.add_argument("--quick", action="store_true", help="a small version of the experiment, for a first look")
+    p.add_argument("--so-far", action="store_true", help="do nothing more: the page of what is finished")
     p.add_argument("--out", type=Path, metavar="FOLDER", help="default: renders/study-NAME, with --quick -quick")
     p.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes (default: one a core)")
     p.add_argument("--json", action="store_true", help="print the findings as one JSON object")
@@ -31,7 +32,7 @@ def act(args: argparse.Namespace) -> int:
     study = find_study(args.name)
     folder = args.out or Path("renders") / f"study-{study.name}{'-quick' if args.quick else ''}"
     with disk_errors(folder):
-        findings = run_study(study, folder, args.quick, jobs_of(args.jobs))
+        findings = run_study(study, folder, args.quick, jobs_of(args.jobs), args.so_far)
     if args.json:
         print((folder / "findings.json").read_text())
         return 0

@@ -12,8 +12,10 @@ from testfield.report.style import figure
 from testfield.study.study import Findings, Plot, Study, Table
 
 
-def write_page(study: Study, findings: Findings, failures: list[dict[str, Any]], folder: Path, quick: bool) -> None:
-    """Write `report.html`, and of every plot `NAME.svg` and `NAME.csv`."""
+def write_page(
+    study: Study, findings: Findings, failures: list[dict[str, Any]], folder: Path, quick: bool, so_far: str = ""
+) -> None:
+    """Write `report.html`, and of every plot `NAME.svg` and `NAME.csv`; `so_far` says how many cases are done."""
     drawings = []
     for plot in findings.plots:
         svg = drawn(plot)
@@ -24,6 +26,7 @@ def write_page(study: Study, findings: Findings, failures: list[dict[str, Any]],
         drawings.append((plot, Markup(svg[svg.index(b"<svg") :].decode())))
     html = page(
         "study.html", study=study, findings=findings, drawings=drawings, failures=failures, quick=quick,
+        so_far=so_far,
         tables=[(table, Markup(as_html(table))) for table in findings.tables],
     )  # fmt: skip
     with whole(folder / "report.html") as path:

@@ -36,12 +36,18 @@ class Pool(Protocol):
         """A future of the function's result."""
 
 
-def run_cases(cases: list[Case], folder: Path, jobs: int = 1, title: str = "cases") -> pd.DataFrame:
+def run_cases(
+    cases: list[Case], folder: Path, jobs: int = 1, title: str = "cases", so_far: bool = False
+) -> pd.DataFrame:
     """All cases' rows, in the order of the cases, labels first; written to `folder`/results.parquet too.
+
+    With `so_far` nothing is done any more: the rows are those of the cases that are finished.
 
     A case that fails with a `TestfieldError` gives one row that says why under `failure`; it is tried again by the
     next call. Any other error ends the study, with all finished cases kept.
     """
+    if so_far:
+        cases = finished(cases, folder)
     keys = [case_key(case) for case in cases]
     repeated = len(keys) - len(set(keys))
     if repeated:
@@ -66,6 +72,11 @@ def run_cases(cases: list[Case], folder: Path, jobs: int = 1, title: str = "case
     with whole(folder / "results.parquet") as path:
         table.to_parquet(path, index=False)
     return table
+
+
+def finished(cases: list[Case], folder: Path) -> list[Case]:
+    """Those of the cases whose rows are kept in a folder."""
+    return [case for case in cases if _file(folder, case_key(case)).is_file()]
 
 
 def case_key(case: Case) -> str:

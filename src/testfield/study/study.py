@@ -9,8 +9,9 @@ from typing import Any
 import pandas as pd
 
 from testfield.chain.files import whole
+from testfield.errors import TestfieldError
 from testfield.study.cases import Case
-from testfield.study.run_cases import FAILURE, run_cases
+from testfield.study.run_cases import FAILURE, finished, run_cases
 
 
 @dataclass(frozen=True)
@@ -63,19 +64,27 @@ class Study:
     read: Callable[[pd.DataFrame], Findings]
 
 
-def run_study(study: Study, folder: Path, quick: bool, jobs: int) -> Findings:
-    """Do what is missing of a study's cases, and write its page, figures, their data and `findings.json`."""
+def run_study(study: Study, folder: Path, quick: bool, jobs: int, so_far: bool = False) -> Findings:
+    """Do what is missing of a study's cases, and write its page, figures, their data and `findings.json`.
+
+    With `so_far` nothing is done any more: the findings are those of the finished cases. Raises `TestfieldError` where
+    there are none.
+    """
     from testfield.report.study import write_page
 
-    table = run_cases(study.cases(quick), folder, jobs, study.name)
+    cases = study.cases(quick)
+    table = run_cases(cases, folder, jobs, study.name, so_far)
+    if table.empty:
+        raise TestfieldError("no case is finished", str(folder), f"begin with `testfield study {study.name}`")
+    done = len(finished(cases, folder)) if so_far else len(cases)
     good = table[table[FAILURE].isna()].drop(columns=FAILURE) if FAILURE in table else table
     findings = study.read(good)
     failures = table[table[FAILURE].notna()].to_dict("records") if FAILURE in table else []
     summary = {
         "study": study.name, "quick": quick, "claim": study.claim, "verdict": findings.verdict,
-        "sentences": findings.sentences, "figures": findings.figures, "cases": len(table), "failed": len(failures),
+        "sentences": findings.sentences, "figures": findings.figures, "cases": len(cases), "done": done, "failed": len(failures),
     }  # fmt: skip
     with whole(folder / "findings.json") as path:
         path.write_text(json.dumps(summary, indent=1, default=float))
-    write_page(study, findings, failures, folder, quick)
+    write_page(study, findings, failures, folder, quick, f"{done} of {len(cases)}" if done < len(cases) else "")
     return findings
