@@ -82,7 +82,8 @@ def run_study(study: Study, folder: Path, quick: bool, jobs: int, so_far: bool =
     failures = table[table[FAILURE].notna()].to_dict("records") if FAILURE in table else []
     summary = {
         "study": study.name, "quick": quick, "claim": study.claim, "verdict": findings.verdict,
-        "sentences": findings.sentences, "figures": findings.figures, "cases": len(cases), "done": done, "failed": len(failures),
+        "sentences": findings.sentences, "figures": findings.figures,
+        "cases": len(cases), "done": done, "failed": len(failures),
     }  # fmt: skip
     with whole(folder / "findings.json") as path:
         path.write_text(json.dumps(summary, indent=1, default=float))
