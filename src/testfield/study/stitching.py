@@ -5,6 +5,8 @@ drawn from the truth at the physical bound, no images, so that hundreds of world
 is missing there. In both, every world draws print errors, the boards' common scale and the control bar anew.
 """
 
+from collections.abc import Callable
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +41,7 @@ WINDOWS = (0.35, 0.5, 0.65, 0.8, 1.0)
 CHAIN, LONG_CHAIN, PER_CASE = 8, 16, 10
 PRINT_MM = 0.01
 """Print errors of the boards; a chain's are drawn without them too, for the growth law knows none."""
+MADE: dict[str, Callable[..., scenes.Table]] = {"field": scenes.field, "full": scenes.full, "close": scenes.close}
 Row = dict[str, Any]
 
 
@@ -120,9 +123,9 @@ def _chains(quick: bool) -> list[Case]:
         labels = {"experiment": "chain", "target": "chain", "boards": CHAIN, "level": PRINT_MM}
         table = scenes.chain(CHAIN, 2, seed)
         found.append(_rendered(labels, seed, table, {"wide": (0, 1, 2)}, "measure_chain", 1.6))
-    plan = [(CHAIN, sigma, (0, 1, 2, 4), 10 if quick else 150) for sigma in (PRINT_MM, 0.0)]
-    plan += [] if quick else [(LONG_CHAIN, sigma, (0, 1, 4), 60) for sigma in (PRINT_MM, 0.0)]
-    for count, sigma, wide, worlds in plan:
+    plan = [(CHAIN, 10)] if quick else [(CHAIN, 150), (LONG_CHAIN, 60)]
+    for (count, worlds), sigma in product(plan, (PRINT_MM, 0.0)):
+        wide = (0, 1, 2, 4) if count == CHAIN else (0, 1, 4)
         for first in range(0, worlds, PER_CASE):
             labels = {"experiment": "chain", "target": "chain", "boards": count, "level": sigma}
             options = {"seeds": list(range(1001 + first, 1001 + min(first + PER_CASE, worlds))), "wide": wide}
@@ -166,7 +169,7 @@ def measure_field(case: Case, run: Run | None) -> list[Row]:
 def draw_field(case: Case, run: Run | None) -> list[Row]:
     """The same without images, for every seed in the case's options."""
     kind, *arguments = case.options["scene"]
-    make = {"field": scenes.field, "full": scenes.full, "close": scenes.close}[kind]
+    make = MADE[kind]
     rows = []
     for seed in case.options["seeds"]:
         rows += _field_rows(*_pixels(make(*arguments, seed, **case.options["values"])), case.options)
@@ -213,17 +216,17 @@ def _pixels(table: scenes.Table) -> tuple[SceneFile, World, Observations]:
 
 
 def confined(observations: Observations, scene: SceneFile, part: float) -> Observations:
-    """What lies in the middle `part` of the image, by side."""
+    """The boards' marks in the middle `part` of the image, by side."""
     size = np.array([scene.camera.width_px, scene.camera.height_px])
-    away = np.abs(observations.xy_px - (size - 1) / 2)
-    return observations.take((away <= part * size / 2).all(axis=1))
+    inside = (np.abs(observations.xy_px - (size - 1) / 2) <= part * size / 2).all(axis=1)
+    return observations.take(np.asarray(inside & (observations.board >= 0)))
 
 
 def _as_many(observations: Observations, other: Observations, seed: int) -> Observations:
-    """As many observations as `other` has, drawn from all over the image."""
+    """As many of the boards' marks as `other` has, drawn from all over the image."""
     rng = generator(seed, f"stitching/as many/{len(other)}")
     chosen = np.zeros(len(observations), bool)
-    chosen[rng.choice(len(observations), len(other), replace=False)] = True
+    chosen[rng.choice(np.flatnonzero(observations.board >= 0), len(other), replace=False)] = True
     return observations.take(chosen)
 
 

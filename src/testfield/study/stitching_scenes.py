@@ -53,7 +53,8 @@ def random(count: int, seed: int) -> list[Table]:
     another as seen from the front."""
     rng = generator(seed, f"stitching/random/{count}")
     half = np.array([WIDTH_MM - SIZE_MM[0], HEIGHT_MM - SIZE_MM[1]]) / 2
-    apart, places = 520.0, []
+    apart = 520.0
+    places: list[np.ndarray] = []
     while len(places) < count:
         place = rng.uniform(-half, half)
         if not places or np.linalg.norm(place - np.array(places), axis=1).min() > apart:
