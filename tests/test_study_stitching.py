@@ -116,7 +116,7 @@ def test_a_board_has_a_scale_of_its_own_that_no_sheet_knows() -> None:
 
 
 def test_a_chain_uses_of_close_views_only_the_two_boards_they_are_aimed_at() -> None:
-    scene, world, observations = stitching._pixels(stitching_scenes.chain(4, 2, 1))
+    _, world, observations = stitching._pixels(stitching_scenes.chain(4, 2, 1))
     for wide in (0, 1):
         kept = stitching.chained(observations, world, wide)
         seen = {
