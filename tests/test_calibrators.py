@@ -133,7 +133,8 @@ def _off(found: Poses, k: int, true: Poses, j: int) -> list[float]:
 
 def nees(found: Calibration, camera: Interior, first: int = 0) -> float:
     error = errors(found, camera, first)
-    return float(error @ np.linalg.solve(found.covariance, error) / len(error))
+    own = found.index([label for label in found.labels if not label.startswith("point:")])
+    return float(error @ np.linalg.solve(found.covariance[np.ix_(own, own)], error) / len(error))
 
 
 def test_every_method_is_announced() -> None:

@@ -10,7 +10,7 @@ from testfield.camera.interior import Interior
 from testfield.camera.pose import Poses
 from testfield.errors import speaking
 
-ARRAYS = ("covariance", "residual_at_px", "residual_px")
+ARRAYS = ("covariance", "residual_at_px", "residual_px", "point_code", "point_mm")
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,9 @@ class Calibration:
 
     `stations` camera-from-datum, `boards` datum-from-board poses with their names; `scale` of the boards against
     their sheets; `covariance` (P, P) of the unknowns named in `labels` (interior in the model's units, rotations in
-    rad as small turns after the pose's rotation, translations in mm, scale). `sigma0` of the adjustment with
+    rad as small turns after the pose's rotation, translations in mm, scale, loose points). `point_code` (k,) at
+    `point_mm` (k, 3) in the datum are the loose targets that were adjusted with the cameras (a control bar's ends):
+    their pixels have had their say, and reconstruction takes them over. `sigma0` of the adjustment with
     `freedom`; `reprojection_rms_px` over `used` observations; `rejected` observations (station, board, x_px, y_px,
     size of the residual in standard deviations, why); `residual_px` (m, 2) observed minus adjusted at `residual_at_px`
     (m, 2); `graph` edges (station, board, marks); `joints`, `board_quality` and `test` as in `quality`; `notes` for the
@@ -47,6 +49,8 @@ class Calibration:
     joints: tuple[dict, ...] = ()
     board_quality: tuple[dict, ...] = ()
     test: dict = field(default_factory=dict)
+    point_code: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
+    point_mm: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
 
     def index(self, names: list[str]) -> np.ndarray:
         """Places of the named unknowns in the covariance."""
@@ -56,6 +60,10 @@ class Calibration:
     def station_unknowns(self, station: int) -> list[str]:
         """Names of a station's six unknowns."""
         return [f"station:{self.station_names[station]}.{axis}" for axis in ("rx", "ry", "rz", "tx", "ty", "tz")]
+
+    def point_unknowns(self, codes: np.ndarray) -> np.ndarray:
+        """(3k,) places in the covariance of points that were adjusted with the cameras, by their codes."""
+        return self.index([f"{point_label(code)}.{axis}" for code in codes for axis in "xyz"])
 
     def save(self, path: Path) -> None:
         """Write as JSON."""
@@ -75,10 +83,16 @@ class Calibration:
         data["interior"] = Interior.from_json(data["interior"])
         data["stations"], data["boards"] = (_poses(data[key]) for key in ("stations", "boards"))
         data |= {key: np.array(data[key]) for key in ARRAYS}
+        data["point_code"], data["point_mm"] = data["point_code"].astype(int), data["point_mm"].reshape(-1, 3)
         for key in ("station_names", "board_names", "labels", "rejected", "notes", "joints", "board_quality"):
             data[key] = tuple(data.get(key, ()))
         data["graph"] = tuple(tuple(edge) for edge in data["graph"])
         return Calibration(**data)
+
+
+def point_label(code: int) -> str:
+    """How a loose target's unknowns are named."""
+    return f"point:{int(code)}"
 
 
 def _poses_json(poses: Poses) -> list[dict]:

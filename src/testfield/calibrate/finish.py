@@ -4,7 +4,7 @@ import numpy as np
 
 from testfield.adjust.bundle import Adjustment
 from testfield.adjust.weakness import weak_unknowns
-from testfield.calibrate.calibration import Calibration
+from testfield.calibrate.calibration import Calibration, point_label
 from testfield.calibrate.doubts import geometric_doubts
 from testfield.calibrate.quality import board_quality, joints, residual_test
 from testfield.calibrate.rows import rejection
@@ -25,9 +25,10 @@ def finished(
 ) -> Calibration:
     """The calibration of a settled start; `turned_down` and `notes` are what was said before it."""
     adjustment, network = found.adjustment, found.adjustment.network
-    labels = network.labels(start.stations, start.boards)
-    index = np.arange(len(labels) - 3 * len(network.kept_points))
-    covariance, names = adjustment.covariance[np.ix_(index, index)], tuple(labels[: len(index)])
+    loose = network.seen_points[network.point_board[network.seen_points] < 0]
+    code_of = dict(zip(start.network.point.tolist(), rows.code[start.rows].tolist(), strict=True))
+    codes = np.array([code_of[k] for k in loose.tolist()], int)
+    covariance, names = with_points(adjustment, network.labels(start.stations, start.boards), loose, codes)
     edges, test = joints(adjustment, start.stations, start.boards), residual_test(adjustment)
     misread = [rejection(rows, field, k, None, "misread: far from its board's homography") for k in start.gross]
     return Calibration(
@@ -37,7 +38,22 @@ def finished(
         tuple(turned_down + misread + found.rejected), network.xy_px, adjustment.residual_px, start.graph,
         tuple(notes + start.notes + found.notes + doubts_of(adjustment, start, covariance, names, test)),
         joints=edges, board_quality=board_quality(covariance, names, start.boards, edges), test=test,
+        point_code=codes, point_mm=network.point_mm[loose],
     )  # fmt: skip
+
+
+def with_points(
+    adjustment: Adjustment, labels: list[str], points: np.ndarray, codes: np.ndarray
+) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Covariance of an adjustment's cameras, stations, boards and scale together with the loose `points` of `codes`,
+    and the names of all these unknowns."""
+    index = np.arange(len(labels) - 3 * len(adjustment.network.kept_points))
+    across = adjustment.cov.across(points)[:, index]
+    covariance = np.block([
+        [adjustment.covariance[np.ix_(index, index)], across.T], [across, adjustment.cov.points(points)]
+    ])  # fmt: skip
+    named = [f"{point_label(code)}.{axis}" for code in codes for axis in "xyz"]
+    return covariance, (*labels[: len(index)], *named)
 
 
 def doubts_of(
@@ -45,7 +61,8 @@ def doubts_of(
 ) -> list[str]:
     """Sentences on weak unknowns with the geometry to blame, on observations without control, on a failed test."""
     notes = geometric_doubts(adjustment.network, start.stations, start.boards)
-    notes += weak_unknowns(covariance, list(labels))
+    own = [k for k, label in enumerate(labels) if not label.startswith("point:")]
+    notes += weak_unknowns(covariance[np.ix_(own, own)], [labels[k] for k in own])
     if test["uncontrolled"]:
         notes.append(
             f"{test['uncontrolled']} observation(s) are controlled by no other: their errors would show in no residual"

@@ -18,6 +18,7 @@ from testfield.adjust.reliability import global_test, reliability
 from testfield.adjust.weakness import weak_unknowns
 from testfield.calibrate.calibration import Calibration
 from testfield.calibrate.certified import Certified, in_datum
+from testfield.calibrate.finish import with_points
 from testfield.calibrate.loose_discs import disc_offsets
 from testfield.calibrate.self_start import SQUARE, loose_network, start_from_nothing
 from testfield.calibrate.ties import LEAST_COMMON, LEAST_RAYS, Ties, coded_ties, largest_group, point_name
@@ -106,7 +107,14 @@ def self_calibration(
     ties, notes = coded_ties(observations, np.array(sorted(tied if enough else diameter), int))
     if not enough:
         notes.append("all loose targets take part in the calibration: too few other codes are in sight")
-    return free_network(ties, width_px, height_px, lens, hold, certified, notes=notes).calibration
+    found = free_network(ties, width_px, height_px, lens, hold, certified, notes=notes)
+    loose = np.isin(found.code, list(field.loose))
+    seen = found.adjustment.network.seen_points[loose]
+    covariance, labels = with_points(found.adjustment, found.job.labels, seen, found.code[loose])
+    return replace(
+        found.calibration, covariance=covariance, labels=labels, point_code=found.code[loose],
+        point_mm=found.xyz_mm[loose],
+    )  # fmt: skip
 
 
 def free_network(

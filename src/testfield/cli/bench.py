@@ -203,13 +203,9 @@ def _claims(args: argparse.Namespace) -> int:
         return 0
     for group in GROUPS:
         of = figures[group]
-        band = "{:.3f} to {:.3f}".format(*of["nees_band_95"]) if "nees_band_95" in of else "one world's workshop"
+        band = "{:.3f} to {:.3f}".format(*of["nees_band_95"])
         print(f"{group.replace('_', ' '):<13} NEES per degree of freedom {of['nees']:.3f} (band {band})", end="")
         print(f"  coverage of 95 % regions {100 * of['coverage_95']:.1f} % of {of['regions']}")
-        if "noise_ratio" in of:
-            print(f"{'':13} scatter over exposures, measured over claimed, in variance ", end="")
-            print(f"{of['noise_ratio']:.3f} +- {of['noise_ratio_sigma']:.3f}", end="")
-            print(f"  (noise is {100 * of['noise_share_claimed']:.0f} % of the claimed variance)")
     if "rmse_over_u" in figures:
         print(f"check points  RMSE {figures['rmse_mm']:.5f} mm over claimed u {figures['mean_u_mm']:.5f} mm", end="")
         print(f" = {figures['rmse_over_u']:.3f}  sigma0 {figures['sigma0']:.4f}")

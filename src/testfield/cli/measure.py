@@ -46,7 +46,7 @@ def act(args: argparse.Namespace) -> int:
     from testfield.targets.field_file import load_field_file
 
     field = load_field_file(args.field)
-    target = parse_target(field.target.kind)
+    target = parse_target(field.target.kind, f"{args.field}, target.kind")
     if target.kind not in ("ring", "circles"):
         raise TestfieldError(
             f"'{field.target.kind}' cannot be measured", f"{args.field}, target.kind", "ring codes and circle grids can"

@@ -31,13 +31,13 @@ class TargetSpec:
     marker_mm: float = 0.7
 
 
-def parse_target(text: str) -> TargetSpec:
-    """The kind a person names. Raises `TestfieldError` that lists the kinds."""
+def parse_target(text: str, where: str = "--target") -> TargetSpec:
+    """The kind a person names at a place. Raises `TestfieldError` that lists the kinds."""
     kind, *rest = text.strip().split(":")
     ring = re.fullmatch(r"ring(\d+)", kind)
     if ring and not rest:
         if int(ring[1]) not in BITS:
-            raise _wrong(text, f"ring codes have {', '.join(map(str, BITS))} bits")
+            raise _wrong(text, where, f"ring codes have {', '.join(map(str, BITS))} bits")
         return TargetSpec("ring", bits=int(ring[1]))
     try:
         if kind == "circles" and not rest:
@@ -47,13 +47,13 @@ def parse_target(text: str) -> TargetSpec:
         if kind == "charuco" and len(rest) == 4:
             square, marker = float(rest[2]), float(rest[3])
             if not 0 < marker < square < float("inf"):
-                raise _wrong(text, "a marker is smaller than its square, and both have a size")
+                raise _wrong(text, where, "a marker is smaller than its square, and both have a size")
             return TargetSpec(kind, 0, *_size(rest[0]), rest[1], square, marker)
         if kind in ("aruco", "apriltag") and len(rest) == 1 and rest[0]:
             return TargetSpec(kind, dictionary=rest[0])
     except ValueError as error:
-        raise _wrong(text, str(error)) from error
-    raise _wrong(text, "no such kind of target")
+        raise _wrong(text, where, str(error)) from error
+    raise _wrong(text, where, "no such kind of target")
 
 
 def _size(text: str) -> tuple[int, int]:
@@ -63,5 +63,5 @@ def _size(text: str) -> tuple[int, int]:
     return int(size[1]), int(size[2])
 
 
-def _wrong(text: str, why: str) -> TestfieldError:
-    return TestfieldError(f"'{text}': {why}", "--target", f"give one like {', '.join(KINDS)}")
+def _wrong(text: str, where: str, why: str) -> TestfieldError:
+    return TestfieldError(f"'{text}': {why}", where, f"give one like {', '.join(KINDS)}")

@@ -11,7 +11,7 @@ import numpy as np
 
 from testfield.calibrate.calibration import Calibration
 from testfield.detect.observations import Observations
-from testfield.reconstruct.estimate import Method, Solved, as_points, joint_covariance, sandwich, settle, solve
+from testfield.reconstruct.estimate import Method, Solved, estimate_of, settle, solve, to_meet
 from testfield.reconstruct.gls import all_together
 from testfield.reconstruct.ml import REPROJECTION
 from testfield.reconstruct.points import Points
@@ -24,15 +24,14 @@ from testfield.targets.field import Field
 def bundle(observations: Observations, calibration: Calibration, field: Field) -> Points:
     """Points and cameras in one adjustment, the calibration's covariance as the cameras' prior."""
     # Which rays are wrong is asked with the cameras' correlation; the rest is one linear step from the ML points.
-    sound = settle(sights_of(observations, calibration, field), calibration, Method("gls", all_together))
-    solved = solve(sound.sights, calibration, REPROJECTION)
-    own, by_calibration = sandwich(solved)
+    sights = sights_of(observations, calibration, field)
+    sound = settle(to_meet(sights, calibration), calibration, Method("gls", all_together))
+    solved = replace(solve(sound.sights, calibration, REPROJECTION), rejected=sound.rejected)
+    estimate = estimate_of(solved, sights, calibration)
     information, right = _of_calibration(solved)
     posterior = _posterior(calibration.covariance, information)
-    change = posterior @ right
-    moved = replace(solved, rejected=sound.rejected, xyz_mm=solved.xyz_mm + (by_calibration @ change).reshape(-1, 3))
-    after = replace(calibration, covariance=posterior)
-    return as_points(moved, "bundle", joint_covariance(own, by_calibration, after))
+    moved = (estimate.by_calibration @ (posterior @ right)).reshape(-1, 3)
+    return replace(estimate, xyz_mm=estimate.xyz_mm + moved).points("bundle", posterior)
 
 
 def _of_calibration(solved: Solved) -> tuple[np.ndarray, np.ndarray]:

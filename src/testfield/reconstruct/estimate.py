@@ -46,15 +46,63 @@ class Solved:
     rejected: np.ndarray
 
 
+@dataclass(frozen=True)
+class Estimate:
+    """n points `code` at `xyz_mm` (n, 3): `own` (n, 3, 3) is what their pixels' noise leaves of each, and
+    `by_calibration` (3n, P) how they follow the calibration; `rays`, `residual_rms_px`, `rejected` (n,)."""
+
+    code: np.ndarray
+    xyz_mm: np.ndarray
+    own: np.ndarray
+    by_calibration: np.ndarray
+    rays: np.ndarray
+    residual_rms_px: np.ndarray
+    rejected: np.ndarray
+
+    def points(self, name: str, covariance: np.ndarray) -> Points:
+        """The points as they are handed on, of a calibration with this covariance (P, P)."""
+        n = len(self.code)
+        joint = self.by_calibration @ covariance @ self.by_calibration.T
+        blocks = joint.reshape(n, 3, n, 3)
+        blocks[np.arange(n), :, np.arange(n)] += self.own
+        return Points(name, self.code, self.xyz_mm, joint, self.rays, self.residual_rms_px, self.rejected)
+
+
 def reconstruct(observations: Observations, calibration: Calibration, field: Field, method: Method) -> Points:
     """Loose targets of the field as points with their joint covariance; rays that contradict others are rejected."""
     sights = sights_of(observations, calibration, field)
-    if not len(sights):  # a field without loose targets, or none of them seen
-        none = np.zeros(0, int)
-        return Points(method.name, none, np.zeros((0, 3)), np.zeros((0, 0)), none, np.zeros(0), none)
-    solved = settle(sights, calibration, method)
+    solved = settle(to_meet(sights, calibration), calibration, method)
+    return estimate_of(solved, sights, calibration).points(method.name, calibration.covariance)
+
+
+def to_meet(sights: Sights, calibration: Calibration) -> Sights:
+    """Sights of those points that the calibration did not adjust itself."""
+    return sights.take(~np.isin(sights.code, calibration.point_code))
+
+
+def estimate_of(solved: Solved, sights: Sights, calibration: Calibration) -> Estimate:
+    """Points that were met, and those among `sights` that the calibration adjusted itself, by code.
+
+    The latter are taken over: to meet them again would count their pixels twice, once in the cameras.
+    """
     own, by_calibration = sandwich(solved)
-    return as_points(solved, method.name, joint_covariance(own, by_calibration, calibration))
+    met = solved.sights.code
+    taken = sights.take(np.isin(sights.code, calibration.point_code))
+    row = {int(code): k for k, code in enumerate(calibration.point_code)}
+    at = calibration.point_mm[np.array([row[int(code)] for code in taken.code], int)]
+    rays = rays_of(taken, calibration, at)
+    code = np.concatenate([met, taken.code])
+    order = np.argsort(code)
+    unit = np.zeros((3 * len(at), len(calibration.labels)))
+    unit[np.arange(len(unit)), calibration.point_unknowns(taken.code)] = 1
+    flat = np.concatenate([by_calibration, unit]).reshape(len(code), 3, len(calibration.labels))[order]
+    return Estimate(
+        code[order], np.concatenate([solved.xyz_mm, at])[order],
+        np.concatenate([own, np.zeros((len(at), 3, 3))])[order], flat.reshape(3 * len(code), len(calibration.labels)),
+        np.concatenate([solved.sights.rays, taken.rays])[order],
+        np.concatenate([_rms(solved.sights, solved.rays), _rms(taken, rays)])[order],
+        np.concatenate([solved.rejected, np.zeros(len(at), int)])[order],
+    )  # fmt: skip
 
 
 def settle(sights: Sights, calibration: Calibration, method: Method) -> Solved:
@@ -114,21 +162,8 @@ def sandwich(solved: Solved) -> tuple[np.ndarray, np.ndarray]:
     return own, -by_calibration.reshape(3 * n, unknowns)
 
 
-def joint_covariance(own: np.ndarray, by_calibration: np.ndarray, calibration: Calibration) -> np.ndarray:
-    """(3n, 3n) of all points together, which share the calibration's error."""
-    n = len(own)
-    covariance = by_calibration @ calibration.covariance @ by_calibration.T
-    blocks = covariance.reshape(n, 3, n, 3)
-    blocks[np.arange(n), :, np.arange(n)] += own
-    return covariance
-
-
-def as_points(solved: Solved, name: str, cov_xyz_mm2: np.ndarray) -> Points:
-    """Points as they are handed on."""
-    rms = np.sqrt((solved.rays.residual_px**2).sum(axis=(1, 2)) / np.maximum(solved.sights.rays, 1))
-    return Points(
-        name, solved.sights.code, solved.xyz_mm, cov_xyz_mm2, solved.sights.rays, rms, solved.rejected
-    )  # fmt: skip
+def _rms(sights: Sights, rays: Rays) -> np.ndarray:
+    return np.sqrt((rays.residual_px**2).sum(axis=(1, 2)) / np.maximum(sights.rays, 1))
 
 
 def _sizes(solved: Solved, calibration: Calibration) -> np.ndarray:

@@ -12,7 +12,7 @@ import numpy as np
 from testfield.calibrate.calibration import Calibration
 from testfield.detect.observations import Observations
 from testfield.errors import TestfieldError
-from testfield.reconstruct.estimate import Method, Solved, as_points, joint_covariance, sandwich, settle
+from testfield.reconstruct.estimate import Method, Solved, estimate_of, settle, to_meet
 from testfield.reconstruct.midpoint import unweighted
 from testfield.reconstruct.points import Points
 from testfield.reconstruct.sights import rays_of, sights_of
@@ -30,7 +30,8 @@ def by_opponent(
     observations: Observations, calibration: Calibration, field: Field, name: str, triangulate: Triangulate
 ) -> Points:
     """Loose targets as points by somebody else's function."""
-    near = settle(sights_of(observations, calibration, field), calibration, Method("midpoint", unweighted))
+    seen = sights_of(observations, calibration, field)
+    near = settle(to_meet(seen, calibration), calibration, Method("midpoint", unweighted))
     sights, rays = near.sights, near.rays
     n, k = sights.there.shape
     poses = calibration.stations
@@ -53,7 +54,7 @@ def by_opponent(
         "nikl,nklm->nikm", gain, rays.to_line / np.where(rays.depth_mm == 0, 1, rays.depth_mm)[..., None, None]
     )
     solved = Solved(sights, xyz, rays, gain.reshape(n, 3, 2 * k), near.rejected)
-    return as_points(solved, name, joint_covariance(*sandwich(solved), calibration))
+    return estimate_of(solved, seen, calibration).points(name, calibration.covariance)
 
 
 def _opencv(plane: np.ndarray, cameras: np.ndarray) -> np.ndarray:

@@ -130,10 +130,14 @@ class _Assembly:
         self.marks.append((panel, xy, diameter, code, role, board, point, corner))
 
 
-def build_world(scene: SceneFile) -> World:
-    """The world of a scene. Raises `TestfieldError` for what the schema alone cannot see, naming the field."""
-    seed = scene.seed
-    scale_error = 1e-6 * scene.u_print_scale_ppm * generator(seed, "print_scale").standard_normal()
+def build_world(scene: SceneFile, workshop: int | None = None) -> World:
+    """The world of a scene. Raises `TestfieldError` for what the schema alone cannot see, naming the field.
+
+    What the sheets know with an uncertainty only (prints, lengths of bars, certified poses) is drawn by the seed
+    `workshop` where it is given: the same scene from another workshop.
+    """
+    seed, made = scene.seed, scene.seed if workshop is None else workshop
+    scale_error = 1e-6 * scene.u_print_scale_ppm * generator(made, "print_scale").standard_normal()
     parts, radii = _Assembly(scene), RADII[scene.code_radii]
 
     boards, board_R, board_t, keep_clear = [], [], [], []
@@ -161,7 +165,7 @@ def build_world(scene: SceneFile) -> World:
         )  # fmt: skip
         if nominal.pattern is not None and corners:
             parts.prints.append(Print(panel, nominal.pattern.cells.scaled(size)))
-        drawn = generator(seed, f"print/{board.name}").normal(0, 1, nominal.marks.xy_mm.shape) * nominal.u_xy_mm
+        drawn = generator(made, f"print/{board.name}").normal(0, 1, nominal.marks.xy_mm.shape) * nominal.u_xy_mm
         true_xy = nominal.marks.xy_mm * size + drawn
         for i, xy in enumerate(true_xy):
             parts.mark(panel, xy, nominal.marks.diameter_mm[i], int(nominal.marks.code[i]), BOARD, k, i, corners)
@@ -186,7 +190,7 @@ def build_world(scene: SceneFile) -> World:
         keep_clear.append((t, float(np.hypot(*board.size_mm)) * 0.4))
 
     if scene.certified_poses is not None:
-        boards = _with_certified_poses(scene, boards, Poses(np.array(board_R), np.array(board_t)))
+        boards = _with_certified_poses(scene, made, boards, Poses(np.array(board_R), np.array(board_t)))
 
     bars, loose = [], {}
     for k, bar in enumerate(scene.scale_bars):
@@ -204,7 +208,7 @@ def build_world(scene: SceneFile) -> World:
             (bar.length_mm + 2 * half, 2 * half),
             BAR_THICKNESS_MM,
         )
-        true_length = bar.length_mm + bar.u_length_mm * generator(seed, f"bar/{bar.name}").standard_normal()
+        true_length = bar.length_mm + bar.u_length_mm * generator(made, f"bar/{bar.name}").standard_normal()
         for code, side in zip(bar.codes, (-0.5, 0.5), strict=True):
             parts.mark(panel, np.array([side * true_length, 0]), bar.diameter_mm, code, BAR)
             loose[code] = bar.diameter_mm
@@ -277,7 +281,7 @@ def build_world(scene: SceneFile) -> World:
     )  # fmt: skip
 
 
-def _with_certified_poses(scene: SceneFile, boards: list[NominalBoard], true: Poses) -> list[NominalBoard]:
+def _with_certified_poses(scene: SceneFile, made: int, boards: list[NominalBoard], true: Poses) -> list[NominalBoard]:
     """The sheets of the boards with what a certificate says of their poses in the frame of the first."""
     part = scene.certified_poses
     assert part is not None
@@ -286,7 +290,7 @@ def _with_certified_poses(scene: SceneFile, boards: list[NominalBoard], true: Po
     relative = first.inverse().after(true)
     certified = [boards[0]]
     for k, board in enumerate(boards[1:], 1):
-        drawn = generator(scene.seed, f"certified_pose/{board.name}").standard_normal(6)
+        drawn = generator(made, f"certified_pose/{board.name}").standard_normal(6)
         R = rotation(u_turn * drawn[:3]) @ relative.R[k]
         x, y, z = rotation_vector(R[None])[0].tolist()
         t = (relative.t_mm[k] + part.u_position_mm * drawn[3:]).tolist()

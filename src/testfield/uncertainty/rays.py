@@ -16,7 +16,7 @@ from testfield.detect.observations import Observations
 from testfield.errors import TestfieldError
 from testfield.reconstruct.bundle import _of_calibration, _posterior
 from testfield.reconstruct.dlt import by_last_element, in_pixels
-from testfield.reconstruct.estimate import Method, Solved, sandwich, settle, solve
+from testfield.reconstruct.estimate import Estimate, Method, Solved, estimate_of, settle, solve, to_meet
 from testfield.reconstruct.gls import all_together
 from testfield.reconstruct.midpoint import unweighted
 from testfield.reconstruct.ml import REPROJECTION
@@ -40,12 +40,12 @@ MOST_AT_ONCE = 2_000_000
 
 @dataclass(frozen=True)
 class RayTrials:
-    """Points ready to be met again: `solved` at the estimate `xyz_mm` (n, 3); `root` (P, P) of the calibration's
-    covariance; `afterwards` (3n, 2nk) what residuals of all points move them by in one more step, where the method has
-    one."""
+    """Points ready to be met again: `solved` of those that are met, and the `estimate` of all (n); `root` (P, P) of the
+    calibration's covariance; `afterwards` (3n, 2mk) what residuals of all points move them by in one more step, where
+    the method has one."""
 
     solved: Solved
-    xyz_mm: np.ndarray
+    estimate: Estimate
     calibration: Calibration
     root: np.ndarray
     afterwards: np.ndarray | None
@@ -53,7 +53,14 @@ class RayTrials:
     @property
     def code(self) -> np.ndarray:
         """(n,) codes of the points."""
-        return self.solved.sights.code
+        return self.estimate.code
+
+    @property
+    def xyz_mm(self) -> np.ndarray:
+        """(n, 3) positions at the estimate."""
+        if self.afterwards is None:
+            return self.estimate.xyz_mm
+        return self.estimate.xyz_mm + (self.afterwards @ self.solved.rays.residual_px.ravel()).reshape(-1, 3)
 
     @staticmethod
     def of(observations: Observations, calibration: Calibration, field: Field, method: str) -> "RayTrials":
@@ -64,14 +71,12 @@ class RayTrials:
                 "use --depth calibration, which takes any method as it is",
             )  # fmt: skip
         sights = sights_of(observations, calibration, field)
-        sound = settle(sights, calibration, METHODS["gls" if method == "bundle" else method])
+        sound = settle(to_meet(sights, calibration), calibration, METHODS["gls" if method == "bundle" else method])
         solved = solve(sound.sights, calibration, METHODS[method])
-        afterwards, xyz = None, solved.xyz_mm
-        if method == "bundle":
-            afterwards = _change_of_cameras(solved, calibration)
-            xyz = xyz + (afterwards @ solved.rays.residual_px.ravel()).reshape(-1, 3)
+        estimate = estimate_of(solved, sights, calibration)
+        afterwards = _change_of_cameras(solved, estimate, calibration) if method == "bundle" else None
         values, vectors = np.linalg.eigh(calibration.covariance)
-        return RayTrials(solved, xyz, calibration, vectors * np.sqrt(np.maximum(values, 0)), afterwards)
+        return RayTrials(solved, estimate, calibration, vectors * np.sqrt(np.maximum(values, 0)), afterwards)
 
     def draw(self, trials: int, rng: np.random.Generator) -> np.ndarray:
         """(T, n, 3) positions."""
@@ -86,7 +91,8 @@ class RayTrials:
         noise = np.einsum(
             "nkij,tnkj->tnki", np.linalg.cholesky(sights.cov_px2), rng.standard_normal((T, n, k, 2)), optimize=True
         )
-        interior, R, t = self._cameras(rng.standard_normal((T, len(self.root))) @ self.root.T)
+        off = rng.standard_normal((T, len(self.root))) @ self.root.T
+        interior, R, t = self._cameras(off)
         # Measured where the points were predicted, off by the residual that the estimate leaves.
         start = solved.xyz_mm
         same = np.broadcast_to(start, (1, n, 3))
@@ -100,9 +106,15 @@ class RayTrials:
                 flat = residual.reshape(T, n, 2 * k).transpose(1, 2, 0)
                 # At the estimate the gain's residual is zero but for what the method's own lines leave.
                 xyz += (gain @ flat).transpose(2, 0, 1) - self._rest
+        # What the calibration adjusted itself moves as it was drawn.
+        everything = np.empty((T, len(self.code), 3))
+        met = np.isin(self.code, sights.code)
+        everything[:, met] = xyz
+        taken = self.calibration.point_unknowns(self.code[~met])
+        everything[:, ~met] = self.estimate.xyz_mm[~met] + off[:, taken].reshape(T, -1, 3)
         if self.afterwards is not None:
-            xyz += (residual.reshape(T, -1) @ self.afterwards.T).reshape(T, n, 3)
-        return xyz
+            everything += (residual.reshape(T, -1) @ self.afterwards.T).reshape(everything.shape)
+        return everything
 
     @property
     def _rest(self) -> np.ndarray:
@@ -134,11 +146,10 @@ class RayTrials:
         return bent * interior[:, None, None, :2] + interior[:, None, None, 2:4]
 
 
-def _change_of_cameras(solved: Solved, calibration: Calibration) -> np.ndarray:
-    """(3n, 2nk) by what residuals of all points move the points, through what they tell of the cameras."""
+def _change_of_cameras(solved: Solved, estimate: Estimate, calibration: Calibration) -> np.ndarray:
+    """(3n, 2mk) by what residuals of all points move the points, through what they tell of the cameras."""
     n, k = solved.sights.there.shape
     information, _ = _of_calibration(solved)
-    _, by_calibration = sandwich(solved)
     whitening = np.where(
         solved.sights.there[..., None, None], np.linalg.inv(np.linalg.cholesky(solved.sights.cov_px2)), 0
     )
@@ -147,4 +158,4 @@ def _change_of_cameras(solved: Solved, calibration: Calibration) -> np.ndarray:
     basis = np.linalg.qr(J)[0]
     left = (G - basis @ (np.swapaxes(basis, 1, 2) @ G)).reshape(n, k, 2, -1)
     right = np.einsum("nkip,nkij->pnkj", left, whitening).reshape(-1, 2 * n * k)
-    return by_calibration @ (_posterior(calibration.covariance, information) @ right)
+    return estimate.by_calibration @ (_posterior(calibration.covariance, information) @ right)
