@@ -170,7 +170,7 @@ def test_a_rendered_board_goes_through_the_same_cases_as_drawn_ones(tmp_path: Pa
                     "camera.pixel_pitch_um": 9.0, "exposure.time_ms": 2.0, "render.light_paths": 32})  # fmt: skip
     table["stations"] = table["stations"][:4]
     table["measure"] = {"hold": ["k3"]}
-    options = {"methods": ["stitched"], "windows": ()}
+    options = {"methods": ["stitched"]}
     rows = run_cases([Case({"boards": 1}, "testfield.study.stitching:measure_field", table, options)], tmp_path)
     assert rows["observations"][0] > 100 and rows["sigma0"][0] < 1.3 and "check_points" not in rows
 

@@ -77,22 +77,19 @@ def _windows(placement: str, count: int) -> tuple[float, ...]:
 def _opponents(quick: bool) -> list[Case]:
     """An ideal full-size board, ChArUco of the same area, and one small board close by."""
     found = []
-    for count in (3,) if quick else (3, 6, 12):
-        for seed in range(1, 2 if quick else 4):
-            labels = {"experiment": "count", "target": "full-size", "boards": count, "level": 0.0}
-            found.append(_rendered(labels, seed, scenes.full(count, seed), {"methods": ["stitched"], "windows": ()}))
-            labels = labels | {"target": "charuco"}
-            found.append(
-                _rendered(labels, seed, scenes.charuco(count, seed), {"methods": ["opencv", "stitched"], "windows": ()})
-            )
+    worlds, drawn = range(1, 2 if quick else 4), 10 if quick else 40
+    for count in (3, 12) if quick else (3, 6, 12):
         labels = {"experiment": "count", "target": "full-size", "boards": count, "level": 0.0}
-        found += _drawn(labels, 10 if quick else 40, ["stitched"], ("full", count))
-    for board, methods in (("sub-board", ["zhang"]), ("charuco", ["opencv"])):
-        for seed in range(1, 2 if quick else 4):
-            labels = {"experiment": "count", "target": f"{board}, close", "boards": 1, "level": 0.0}
-            found.append(_rendered(labels, seed, scenes.close(board, seed), {"methods": methods, "windows": ()}))
-    labels = {"experiment": "count", "target": "sub-board, close", "boards": 1, "level": 0.0}
-    return found + _drawn(labels, 10 if quick else 40, ["zhang"], ("close", "sub-board"))
+        found += _drawn(labels, drawn, ["stitched"], ("full", count))
+        for seed in worlds if count == 3 or not quick else ():
+            found.append(_rendered(labels, seed, scenes.full(count, seed), {"methods": ["stitched"]}))
+            table, methods = scenes.charuco(count, seed), ["opencv", "stitched"]
+            found.append(_rendered(labels | {"target": "charuco"}, seed, table, {"methods": methods}))
+    for board, method in (("sub-board", "zhang"), ("charuco", "opencv")):
+        labels = {"experiment": "count", "target": f"{board}, close", "boards": 1, "level": 0.0}
+        found += [_rendered(labels, seed, scenes.close(board, seed), {"methods": [method]}) for seed in worlds]
+        found += _drawn(labels, drawn, [method], ("close", board)) if board == "sub-board" else []
+    return found
 
 
 def _faults(quick: bool) -> list[Case]:
@@ -103,10 +100,9 @@ def _faults(quick: bool) -> list[Case]:
         for level in levels:
             labels = {"experiment": fault, "target": "planned", "boards": 6, "level": level}
             value = {"bow_mm" if fault == "bent" else "scale_ppm": level}
-            rendered = level in ((1.0, 200.0) if not quick else ())
-            for seed in range(1, 4) if rendered else ():
+            for seed in range(1, 4) if level in (1.0, 200.0) and not quick else ():
                 table = scenes.field("planned", 6, seed, **value)
-                found.append(_rendered(labels, seed, table, {"methods": ["stitched"], "windows": ()}))
+                found.append(_rendered(labels, seed, table, {"methods": ["stitched"]}))
             found += _drawn(labels, 5 if quick else 30, ["stitched"], ("field", "planned", 6), value)
     for level in bows:
         # Of a sheet as stiff as the small one, bent with the same curvature, the bow grows with the square of its size.
@@ -121,8 +117,8 @@ def _chains(quick: bool) -> list[Case]:
     found = []
     for seed in range(1, 2 if quick else 8):
         labels = {"experiment": "chain", "target": "chain", "boards": CHAIN, "level": PRINT_MM}
-        table = scenes.chain(CHAIN, 2, seed)
-        found.append(_rendered(labels, seed, table, {"wide": (0, 1, 2)}, "measure_chain", 1.6))
+        table = scenes.chain(CHAIN, 4, seed)
+        found.append(_rendered(labels, seed, table, {"wide": (0, 1, 2, 4)}, "measure_chain", 1.8))
     plan = [(CHAIN, 10)] if quick else [(CHAIN, 150), (LONG_CHAIN, 60)]
     for (count, worlds), sigma in product(plan, (PRINT_MM, 0.0)):
         wide = (0, 1, 2, 4) if count == CHAIN else (0, 1, 4)
@@ -178,7 +174,7 @@ def draw_field(case: Case, run: Run | None) -> list[Row]:
 
 def _field_rows(scene: SceneFile, world: World, observations: Observations, options: Row) -> list[Row]:
     rows = [_judged(scene, world, observations, method) for method in options["methods"]]
-    for part in options["windows"]:
+    for part in options.get("windows", ()):
         inside = confined(observations, scene, part)
         for cut, kept in (("middle", inside), ("spread", _as_many(observations, inside, scene.seed))):
             rows.append(_judged(scene, world, kept, "stitched") | {"cut": cut, "window": part})
