@@ -18,7 +18,7 @@ from testfield.scene.world import World
 from testfield.score.camera import true_in_datum
 from testfield.study import stitching, stitching_scenes
 from testfield.study.cases import Case, changed
-from testfield.study.chain_growth import chain_errors, grown
+from testfield.study.chain_growth import chain_errors, grown, link_of_marks
 from testfield.study.run_cases import case_key, run_cases
 from testfield.study.stitching_page import read
 from testfield.study.stitching_summary import median_of, rms_of
@@ -57,6 +57,18 @@ def test_growth_counts_what_shift_and_turn_of_a_link_share() -> None:
     s, shared = shifts.std(), float((shifts * turns).mean())
     assert end.std() == pytest.approx(grown(np.array(7), s, 2e-5, 440.0, shared) ** 0.5, rel=0.02)
     assert end.std() > 1.1 * grown(np.array(7), s, 2e-5, 440.0) ** 0.5
+
+
+def test_marks_turn_a_board_by_their_noise_over_the_root_of_their_squared_distances() -> None:
+    xy = stitching_scenes.sub_board_marks_mm()
+    sheet = build_world(_scene(stitching_scenes.field("flat", 1, 1))).field.boards[0].marks.xy_mm
+    np.testing.assert_allclose(np.sort(xy, axis=0), np.sort(sheet, axis=0), atol=1e-9)
+    rng, away = np.random.default_rng(5), xy - xy.mean(axis=0)
+    noise = rng.normal(0, 0.01, (4000, *xy.shape))
+    turns = (away[:, 0] * noise[..., 1] - away[:, 1] * noise[..., 0]).sum(axis=1) / (away**2).sum()
+    shift, turn = link_of_marks(xy, 0.01)
+    assert turns.std() == pytest.approx(turn, rel=0.04)
+    assert noise.mean(axis=1)[:, 0].std() == pytest.approx(shift, rel=0.04)
 
 
 def test_a_turned_link_moves_the_boards_behind_it() -> None:

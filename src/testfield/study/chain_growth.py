@@ -21,6 +21,13 @@ def grown(links: np.ndarray, shift: float, turn: float, pitch: float, shared: fl
     return k * shift**2 + pitch**2 * turn**2 * swung + pitch * shared * k * (k - 1)
 
 
+def link_of_marks(xy_mm: np.ndarray, sigma_mm: float) -> tuple[float, float]:
+    """Standard deviations of the shift (mm) and the turn in its plane (rad) of a board that marks (n, 2), each with
+    `sigma_mm` in x and y, place by a rigid fit."""
+    away = xy_mm - xy_mm.mean(axis=0)
+    return sigma_mm / np.sqrt(len(xy_mm)), float(sigma_mm / np.sqrt((away**2).sum()))
+
+
 @dataclass(frozen=True)
 class ChainErrors:
     """Errors of boards along a chain, in the world's directions.

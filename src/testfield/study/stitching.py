@@ -125,7 +125,7 @@ def _chains(quick: bool) -> list[Case]:
         for first in range(0, worlds, PER_CASE):
             labels = {"experiment": "chain", "target": "chain", "boards": count, "level": sigma}
             options = {"seeds": list(range(1001 + first, 1001 + min(first + PER_CASE, worlds))), "wide": wide}
-            found.append(_case(labels, "draw_chain", options, 0.03 * count * len(options["seeds"])))
+            found.append(_case(labels, "draw_chain", options, 0.015 * count * len(options["seeds"])))
     return found
 
 
@@ -143,7 +143,7 @@ def _drawn(
     for first in range(0, worlds, PER_CASE):
         seeds = list(range(1001 + first, 1001 + min(first + PER_CASE, worlds)))
         options = {"scene": scene, "values": values or {}, "methods": methods, "seeds": seeds, "windows": windows}
-        work = 0.01 * labels["boards"] * len(seeds) * (len(methods) + 2 * len(windows))
+        work = 0.005 * labels["boards"] * len(seeds) * (len(methods) + 2 * len(windows))
         found.append(_case(labels, "draw_field", options, work))
     return found
 

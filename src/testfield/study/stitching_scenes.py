@@ -170,6 +170,16 @@ def _board(k: int, position: list[float], normal: list[float], spin_deg: float) 
     }  # fmt: skip
 
 
+def sub_board_marks_mm() -> np.ndarray:
+    """(36, 2) where the marks of a sub-board are."""
+    board = _board(0, [0.0, 0.0, 0.0], [0.0, -1.0, 0.0], 0.0)
+    grids = []
+    for zone in (board["recognition_zone"], board["extension_zone"]):
+        axes = [(np.arange(zone[k]) - (zone[k] - 1) / 2) * zone["pitch_mm"] for k in ("columns", "rows")]
+        grids.append(np.stack(np.meshgrid(*axes), -1).reshape(-1, 2) + zone["centre_mm"])
+    return np.vstack(grids)
+
+
 def _charuco(count: int) -> Table:
     width = np.sqrt(count * SIZE_MM[0] * SIZE_MM[1] * 4 / 3)
     columns = {1: 8, 3: 13, 6: 18, 12: 26}[count]

@@ -6,9 +6,9 @@ import numpy as np
 import pandas as pd
 from scipy.stats import binom, chi2
 
-from testfield.study.chain_growth import grown
+from testfield.study.chain_growth import grown, link_of_marks
 from testfield.study.stitching import CHAIN, LONG_CHAIN, PRINT_MM
-from testfield.study.stitching_scenes import PITCH_MM
+from testfield.study.stitching_scenes import PITCH_MM, sub_board_marks_mm
 
 GOOD_PX = 0.02
 """A lens known this well at the image's corners costs little beside the error of a mark's centre."""
@@ -209,6 +209,10 @@ def _growth(links: pd.DataFrame) -> dict[str, Any]:
                     for column in ("rms_mm", "low_mm", "high_mm", "claimed_mm", "law_mm", "law_shared_mm",
                                    "mother_rms_mm", "turn_lag"):  # fmt: skip
                         found[f"{name}_{what}_{views}_{axis}_{column}"] = _value(drawn, column, **where)
+    # Print errors of both boards of a link, beyond what the images add.
+    turns = [_value(drawn, "turn_mrad", boards=CHAIN, print_mm=v, wide=0, axis="up") for v in (PRINT_MM, 0.0)]
+    found["print_turn_mrad"] = float(np.sqrt(max(turns[0] ** 2 - turns[1] ** 2, 0)))
+    found["print_turn_expected_mrad"] = 1e3 * np.sqrt(2) * link_of_marks(sub_board_marks_mm(), PRINT_MM)[1]
     for name, part in (("drawn", drawn), ("rendered", links[links["evidence"] == "rendered"])):
         found[f"chain_{name}_nees"] = float(part["nees"].mean()) if len(part) else float("nan")
         found[f"chain_{name}_worlds"] = int(part["worlds"].max()) if len(part) else 0

@@ -113,6 +113,8 @@ def _growth(f: Figures) -> list[str]:
         "one neighbour turns it back against the next (turns of neighbouring links correlate by "
         f"{f['chain_printed_close_up_turn_lag']:.2f}). Those of the first board remain and turn the whole chain, in "
         f"proportion to the distance, and four wide views leave {_um(f, 'chain_printed_wide_up')}.",
+        f"A link's turn in the plane by print errors alone is {f['print_turn_mrad']:.4f} mrad; marks' noise over the root "
+        f"of their squared distances predicts {f['print_turn_expected_mrad']:.4f} mrad.",
         f"After a fit of six parameters {1e3 * f['chain_printed_close_up_mother_rms_mm']:.1f} µm rms of the chain's "
         f"mother board remain without and {1e3 * f['chain_printed_wide_up_mother_rms_mm']:.1f} µm with four wide "
         "views: a chain gains more from a frame that all its boards hold than from loops.",
