@@ -61,9 +61,9 @@ def _counts(quick: bool) -> list[Case]:
     for placement, counts in plan.items():
         for count in counts:
             labels = {"experiment": "count", "target": placement, "boards": count, "level": 0.0}
-            methods = ["stitched", *(["stitched_given"] if count > 1 else [])]
+            methods = ["stitched", "stitched_given" if count > 1 else "zhang"]
             for seed in range(1, 2 if quick else 4):
-                options = {"methods": [*methods, "zhang"], "windows": _windows(placement, count)}
+                options = {"methods": sorted({*methods, "zhang"}), "windows": _windows(placement, count)}
                 found.append(_rendered(labels, seed, scenes.field(placement, count, seed), options))
             found += _drawn(labels, 10 if quick else 40, methods, ("field", placement, count))
     labels = {"experiment": "coverage", "target": "planned", "boards": 12, "level": 0.0}

@@ -151,6 +151,7 @@ def figures_of(
             ("one", "planned", 1), ("three", "planned", 3), ("planned", "planned", most), ("flat", "flat", most),
             ("random", "random", most), ("random_three", "random", 3), ("flat_three", "flat", 3),
             ("full", "full-size", most), ("full_three", "full-size", 3), ("close", "sub-board, close", 1),
+            ("alone", "one of them alone", 1),
         ):  # fmt: skip
             for column, end in (("median", ""), ("low", "_low"), ("high", "_high")):
                 figures[f"{name}_{unit}{end}"] = _value(part, column, target=target, boards=boards)

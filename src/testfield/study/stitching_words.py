@@ -42,9 +42,9 @@ def _how_many(f: Figures) -> list[str]:
     else:
         enough = f"none of the numbers tried stays below {GOOD_PX} px"
     return [
-        f"How many: at the worst corner the camera errs by {_px(f, 'one')} with one board in the middle of the field, "
-        f"{_px(f, 'three')} with three and {_px(f, 'planned')} with {f['most_boards']}; {enough}. Check points in the "
-        f"volume improve from {f['one_check_mm']:.4f} to {f['planned_check_mm']:.4f} mm."
+        f"How many: at the worst corner the camera errs by {_px(f, 'one')} with one board in the middle of the field "
+        f"and a bar, {_px(f, 'three')} with three and {_px(f, 'planned')} with {f['most_boards']}; {enough}. Check "
+        f"points in the volume improve from {f['one_check_mm']:.4f} to {f['planned_check_mm']:.4f} mm."
     ]
 
 
@@ -74,8 +74,9 @@ def _opponents(f: Figures) -> list[str]:
         f"give {_px(f, 'three')}, for it fills the image at once.",
         f"The full-size board with the marks of {f['most_boards']} gives {_px(f, 'full')}, as many stitched boards "
         f"{_px(f, 'planned')}; check points {f['full_check_mm']:.4f} and {f['planned_check_mm']:.4f} mm.",
-        "Against one sub-board alone: left in its place it does not determine the lens at the corners "
-        f"({_px(f, 'one')}); shown all over the image in ten close views it gives {_px(f, 'close')}, and "
+        "Against one sub-board alone, left in its place: it does not determine the lens at the corners "
+        f"({_px(f, 'alone')}); with a control bar, whose ends lie further out, {_px(f, 'one')}.",
+        f"Against one sub-board shown all over the image in ten close views: {_px(f, 'close')}, and "
         f"{f['rendered_close_corner_px']:.4f} px on rendered images. Such views calibrate the lens at another distance "
         "than that of the work, and make no frame in the volume.",
         f"Against ChArUco of the area of {f['charuco_boards']} boards, rendered: OpenCV's corners and calibration give "
@@ -113,8 +114,8 @@ def _growth(f: Figures) -> list[str]:
         "one neighbour turns it back against the next (turns of neighbouring links correlate by "
         f"{f['chain_printed_close_up_turn_lag']:.2f}). Those of the first board remain and turn the whole chain, in "
         f"proportion to the distance, and four wide views leave {_um(f, 'chain_printed_wide_up')}.",
-        f"A link's turn in the plane by print errors alone is {f['print_turn_mrad']:.4f} mrad; marks' noise over the root "
-        f"of their squared distances predicts {f['print_turn_expected_mrad']:.4f} mrad.",
+        f"A link's turn in the plane by print errors alone is {f['print_turn_mrad']:.4f} mrad; marks' noise over the "
+        f"root of their squared distances predicts {f['print_turn_expected_mrad']:.4f} mrad.",
         f"After a fit of six parameters {1e3 * f['chain_printed_close_up_mother_rms_mm']:.1f} µm rms of the chain's "
         f"mother board remain without and {1e3 * f['chain_printed_wide_up_mother_rms_mm']:.1f} µm with four wide "
         "views: a chain gains more from a frame that all its boards hold than from loops.",
@@ -148,6 +149,8 @@ def _against(f: Figures, key: str) -> str:
 
 def _px(f: Figures, name: str) -> str:
     values = [f[f"{name}_corner_px{end}"] for end in ("", "_low", "_high")]
+    if values[0] > 1e4:
+        return "beyond all measure"
     digits = 4 if values[0] < 0.1 else 2
     return f"{values[0]:.{digits}f} px [{values[1]:.{digits}f}, {values[2]:.{digits}f}]"
 
