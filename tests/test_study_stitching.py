@@ -1,5 +1,6 @@
 """The study on stitched boards: growth along a chain, its scenes, its scores and its findings."""
 
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import tomli_w
 
 from testfield.calibrate.calibration import Calibration
 from testfield.camera.pose import Poses, rotation
+from testfield.report.study import drawn
 from testfield.scene.build import build_world
 from testfield.scene.check import check_scene
 from testfield.scene.load import parse_scene
@@ -224,6 +226,13 @@ def _rows() -> pd.DataFrame:
                 }
                 where = {"experiment": "count", "target": target, "boards": boards, "evidence": evidence}
                 rows.append(base | where | error | {"method": method, "world": world, "coverage": min(1, boards / 12)})
+    for cut, window, world in product(("middle", "spread"), (0.5, 0.8, 1.0), range(6)):
+        where = {"experiment": "coverage", "target": "planned", "boards": 12, "evidence": "drawn", "cut": cut}
+        where |= {"window": window, "corner_px": 0.002 / (window**8 if cut == "middle" else window)}
+        rows.append(base | where | {"method": "stitched", "world": world, "coverage": window, "observations": 100})
+    for fault, target, level in (("bent", "planned", 1.0), ("bent", "full-size", 1.0), ("scale", "planned", 200.0)):
+        where = {"experiment": fault, "target": target, "boards": 6, "evidence": "drawn", "level": level}
+        rows.append(base | where | {"method": "stitched", "world": 1, "corner_px": 0.1, "check_rmse_mm": 0.3})
     for wide, sigma, world in np.ndindex(2, 2, 20):
         shift, turn = rng.normal(0, 0.002, (7, 2)), rng.normal(0, 1e-5, (7, 2))
         place = np.cumsum(shift + 440 * (np.cumsum(turn, axis=0) - turn), axis=0)
@@ -244,6 +253,8 @@ def test_findings_say_what_the_rows_say() -> None:
     assert f["chain_exact_close_out_rms_mm"] == pytest.approx(f["chain_exact_close_out_law_mm"], rel=0.5)
     assert "0.0080 px" in findings.verdict or "0.008" in findings.verdict
     assert [sentence for sentence in findings.sentences if " nan " in sentence] == []
+    assert f["window_middle_px"] == pytest.approx(0.512) and f["window_spread_px"] == pytest.approx(0.004)
+    assert [plot.name for plot in findings.plots if b"<svg" not in drawn(plot)] == [] and len(findings.plots) == 4
     one = next(table for table in findings.tables if table.title == "All fields").frame
     alone = one[(one["target"] == "one of them alone") & (one["evidence"] == "drawn")]
     assert alone["corner, px"].tolist() == ["beyond all"]

@@ -46,6 +46,8 @@ def read(table: pd.DataFrame) -> Findings:
     if len(long):
         title, caption = f"The same with {LONG_CHAIN} boards", "As above; drawn pixels only."
         plots.insert(2, Plot("stitching_long_chain", title, caption, long, draw_chain, (9.6, 7.2), 2, 2))
+    there = {"stitching_chain": links, "stitching_faults": faults, "stitching_coverage": cuts}
+    plots = [plot for plot in plots if len(there.get(plot.name, counts))]
     return Findings(verdict(figures), sentences(figures), _tables(counts, links, faults, cuts), plots, figures)
 
 
