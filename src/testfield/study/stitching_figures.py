@@ -46,7 +46,9 @@ def draw_counts(axes: Any, data: pd.DataFrame) -> None:
 def draw_chain(axes: Any, data: pd.DataFrame) -> None:
     """Above boards printed exactly, below with print errors; left out of the chain's plane, right upwards: errors
     across the chain, predictions, wide views."""
-    for row, (exact, prints) in zip(axes, ((True, "printed exactly"), (False, "print errors of 0.01 mm")), strict=True):
+    for row, (exact, prints) in zip(
+        axes, ((True, "printed exactly"), (False, "with print errors of 0.01 mm")), strict=True
+    ):
         for axis, (name, title) in zip(row, (("out", "out of the plane"), ("up", "upwards")), strict=True):
             _draw_growth(axis, data[((data["print_mm"] == 0) == exact) & (data["axis"] == name)])
             axis.set_title(f"{title}, boards {prints}", fontsize=8.5)
