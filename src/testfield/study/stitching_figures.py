@@ -16,15 +16,19 @@ WIDE = {0: ("close views only", WARM, "o"), 1: ("with 1 wide view", FAINT, "s"),
         4: ("with 4 wide views", ACCENT, "D")}  # fmt: skip
 
 
+BEYOND = 100.0
+"""A lens that errs by more px, or points by more mm, are not shown: nothing was determined."""
+
+
 def draw_counts(axes: Any, data: pd.DataFrame) -> None:
     """Left the corner error, right the check points, over the number of boards; drawn pixels as lines, rendered images
     as open marks."""
     for axis, quantity in zip(axes, ("corner_px", "check_rmse_mm"), strict=True):
-        here = data[(data["quantity"] == quantity) & np.isfinite(data["median"])]
+        here = data[(data["quantity"] == quantity) & (data["median"] < BEYOND)]
         for name, (colour, mark, line) in LOOKS.items():
             for evidence, rows in here[here["target"] == name].sort_values("boards").groupby("evidence"):
                 drawn = evidence == "drawn"
-                bars = [rows["median"] - rows["low"], np.minimum(rows["high"], 1e4) - rows["median"]]
+                bars = [rows["median"] - rows["low"], np.minimum(rows["high"], BEYOND) - rows["median"]]
                 axis.errorbar(
                     rows["boards"] * (1 if drawn else 1.05), rows["median"], bars, color=colour, marker=mark, ms=4,
                     lw=1 if drawn or ":" in line else 0, ls=line, elinewidth=0.7, mfc=colour if drawn else "white",
@@ -119,7 +123,7 @@ def draw_coverage(axes: Any, data: pd.DataFrame) -> None:
     axes[0].set_xlabel("part of the image's sides, %")
     axes[0].set_ylabel("error of the camera at the worst corner, px")
     axes[0].legend(frameon=False, fontsize=7)
-    rest = data[(data["what"] == "field") & np.isfinite(data["median"])]
+    rest = data[(data["what"] == "field") & (data["median"] < BEYOND)]
     for name, rows in rest.groupby("name"):
         colour, mark, _ = LOOKS.get(str(name), (FAINT, "x", "-"))
         axes[1].plot(100 * rows["coverage"], rows["median"], mark, color=colour, ms=4, label=str(name))
