@@ -86,7 +86,7 @@ def _draw_growth(axis: Any, data: pd.DataFrame) -> None:
 
 
 def draw_faults(axes: Any, data: pd.DataFrame) -> None:
-    """Left bent boards, right boards with scale errors of their own: check points."""
+    """Left bent boards, right boards with scale errors of their own: corner errors."""
     for axis, fault in zip(axes, ("bent", "scale"), strict=True):
         here = data[(data["experiment"] == fault)]
         for target, rows in here.groupby("target"):
@@ -104,7 +104,7 @@ def draw_faults(axes: Any, data: pd.DataFrame) -> None:
         axis.set_yscale("log")
     axes[0].set_xlabel("bow of a sub-board, mm over 400 mm")
     axes[1].set_xlabel("standard deviation of the boards' own scales, ppm")
-    axes[0].set_ylabel("check points, RMSE, mm")
+    axes[0].set_ylabel("error of the camera at the worst corner, px")
     axes[0].legend(frameon=False, fontsize=7)
 
 

@@ -75,7 +75,7 @@ def _tables(counts: pd.DataFrame, links: pd.DataFrame, faults: pd.DataFrame, cut
         Table("All fields", pd.DataFrame(rows), "Medians [95 % interval, of fewer than six worlds their range]; NEES: "
               "means per degree of freedom, 1 where the claims are true.", {"coverage %": "{:.0f}", "s0": "{:.3f}"}),
         Table("The last board of each chain", chain, "rms over worlds of its error out of the plane and upwards."),
-        Table("Bent boards and own scales", faults, "median, low, high: RMSE of check points in mm."),
+        Table("Bent boards and own scales", faults, "median, low, high: error at the corners, px."),
         Table("Observations confined to a part of the image", cuts, "median, low, high: error at the corners, px."),
     ]  # fmt: skip
 

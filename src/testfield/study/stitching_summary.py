@@ -81,17 +81,17 @@ def cuts_of(fields: pd.DataFrame) -> pd.DataFrame:
 
 
 def faults_of(fields: pd.DataFrame) -> pd.DataFrame:
-    """Check points and signs of trouble of bent boards and of boards with scale errors of their own."""
+    """Corner errors, check points and signs of trouble of bent boards and of boards with scales of their own."""
     rows = fields[fields["experiment"].isin(["bent", "scale"])]
     found = [
         {"experiment": experiment, "target": target, "level": level, "evidence": evidence}
-        | median_of(part["check_rmse_mm"].to_numpy(float))
-        | {"corner_px": part["corner_px"].median(), "mother_rms_mm": part["mother_rms_mm"].median(),
+        | median_of(part["corner_px"].to_numpy(float))
+        | {"check_rmse_mm": part["check_rmse_mm"].median(), "mother_rms_mm": part["mother_rms_mm"].median(),
            "sigma0": part["sigma0"].median(), "check_nees": part["check_nees"].median(),
            "test_passed": part["test_passed"].astype(float).mean()}
         for (experiment, target, level, evidence), part in rows.groupby(["experiment", "target", "level", "evidence"])
     ]  # fmt: skip
-    columns = ["experiment", "target", "level", "evidence", "worlds", "median", "low", "high", "corner_px",
+    columns = ["experiment", "target", "level", "evidence", "worlds", "median", "low", "high", "check_rmse_mm",
                "mother_rms_mm", "sigma0", "check_nees", "test_passed"]  # fmt: skip
     return pd.DataFrame(found, columns=columns)
 
@@ -173,18 +173,16 @@ def figures_of(
         ("all", 1.0, "middle"),
     ):
         figures[f"window_{name}_px"] = _value(cuts, "median", window=window, name=cut, evidence="drawn")
-    clean = _value(drawn, "median", target="planned", boards=6, quantity="check_rmse_mm")
-    figures["clean_check_mm"] = clean
-    for fault, level, name in (("bent", 1.0, "bent"), ("scale", 200.0, "scale")):
-        for target, prefix in (("planned", name), ("full-size", f"{name}_full")):
-            where = {"experiment": fault, "level": level, "target": target, "evidence": "drawn"}
-            for column, end in (
-                ("median", "check_mm"),
-                ("sigma0", "sigma0"),
-                ("test_passed", "passed"),
-                ("check_nees", "nees"),
-            ):
-                figures[f"{prefix}_{end}"] = _value(faults, column, **where)
+    six = drawn[(drawn["target"] == "planned") & (drawn["boards"] == 6)]
+    figures["clean_corner_px"] = _value(six, "median", quantity="corner_px")
+    figures["clean_check_mm"] = _value(six, "median", quantity="check_rmse_mm")
+    columns = {"median": "corner_px", "check_rmse_mm": "check_mm", "sigma0": "sigma0", "test_passed": "passed"}
+    for fault, level, target, name in (
+        ("bent", 1.0, "planned", "bent"), ("bent", 1.0, "full-size", "bent_full"), ("scale", 200.0, "planned", "scale"),
+    ):  # fmt: skip
+        where = {"experiment": fault, "level": level, "target": target, "evidence": "drawn"}
+        for column, end in (columns | {"check_nees": "nees"}).items():
+            figures[f"{name}_{end}"] = _value(faults, column, **where)
     return figures
 
 
