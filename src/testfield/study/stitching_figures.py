@@ -61,7 +61,7 @@ def draw_chain(axes: Any, data: pd.DataFrame) -> None:
         axis.set_xlabel("links from the first board")
     for axis in axes[:, 0]:
         axis.set_ylabel("error across the chain, rms, µm")
-    axes[0, 0].legend(frameon=False, fontsize=7)
+    axes[0, 0].legend(frameon=False, fontsize=7, loc="upper left")
 
 
 def _draw_growth(axis: Any, data: pd.DataFrame) -> None:
@@ -71,13 +71,14 @@ def _draw_growth(axis: Any, data: pd.DataFrame) -> None:
             drawn = evidence == "drawn"
             bars = [1e3 * (rows["rms_mm"] - rows["low_mm"]), 1e3 * (rows["high_mm"] - rows["rms_mm"])]
             axis.errorbar(
-                rows["links"] + (0 if drawn else 0.12), 1e3 * rows["rms_mm"], bars, color=colour, marker=mark, ms=3.5,
-                lw=0, elinewidth=0.8, mfc=colour if drawn else "white", label=name + ("" if drawn else ", rendered"),
+                rows["links"] + (0 if drawn else 0.12), 1e3 * rows["rms_mm"],
+                bars if rows["worlds"].min() >= 3 else None,  # the interval of a single world says nothing
+                color=colour, marker=mark, ms=3.5, lw=0, elinewidth=0.8, mfc=colour if drawn else "white",
+                label=name + ("" if drawn else ", rendered"),
             )  # fmt: skip
             if drawn:
-                axis.plot(
-                    rows["links"], 1e3 * rows["claimed_mm"], color=colour, lw=1.2, label="    claimed by the bundle"
-                )
+                label = "    claimed by the bundle" if wide == 0 else None
+                axis.plot(rows["links"], 1e3 * rows["claimed_mm"], color=colour, lw=1.2, label=label)
     rows = data[(data["wide"] == 0) & (data["evidence"] == "drawn")]
     axis.plot(rows["links"], 1e3 * rows["law_mm"], color=INK, ls="--", lw=1, label="law of independent links")
     axis.plot(
