@@ -58,14 +58,16 @@ def _counts(quick: bool) -> list[Case]:
     found = []
     plan = {"planned": (1, 3, 12), "random": (3,)} if quick else {
         "planned": (1, 2, 3, 4, 6, 9, 12), "flat": (3, 6, 12), "random": (3, 6, 12)}  # fmt: skip
+    rendered = [("planned", 3), ("planned", 12)] if quick else [
+        *(("planned", n) for n in (1, 3, 6, 12)), *product(("flat", "random"), (3, 12))]  # fmt: skip
     for placement, counts in plan.items():
         for count in counts:
             labels = {"experiment": "count", "target": placement, "boards": count, "level": 0.0}
             methods = ["stitched", "stitched_given" if count > 1 else "zhang"]
-            for seed in range(1, 2 if quick else 4):
+            for seed in range(1, 2 if quick else 4) if (placement, count) in rendered else ():
                 options = {"methods": sorted({*methods, "zhang"}), "windows": _windows(placement, count)}
                 found.append(_rendered(labels, seed, scenes.field(placement, count, seed), options))
-            found += _drawn(labels, 10 if quick else 40, methods, ("field", placement, count))
+            found += _drawn(labels, 10 if quick else 30, methods, ("field", placement, count))
     labels = {"experiment": "coverage", "target": "planned", "boards": 12, "level": 0.0}
     return found + _drawn(labels, 5 if quick else 20, [], ("field", "planned", 12), windows=_windows("planned", 12))
 
@@ -77,7 +79,7 @@ def _windows(placement: str, count: int) -> tuple[float, ...]:
 def _opponents(quick: bool) -> list[Case]:
     """An ideal full-size board, ChArUco of the same area, and one small board close by."""
     found = []
-    worlds, drawn = range(1, 2 if quick else 4), 10 if quick else 40
+    worlds, drawn = range(1, 2 if quick else 4), 10 if quick else 30
     for count in (3, 12) if quick else (3, 6, 12):
         labels = {"experiment": "count", "target": "full-size", "boards": count, "level": 0.0}
         found += _drawn(labels, drawn, ["stitched"], ("full", count))
@@ -85,7 +87,7 @@ def _opponents(quick: bool) -> list[Case]:
             found.append(_rendered(labels, seed, scenes.full(count, seed), {"methods": ["stitched"]}))
             table, methods = scenes.charuco(count, seed), ["opencv", "stitched"]
             found.append(_rendered(labels | {"target": "charuco"}, seed, table, {"methods": methods}))
-    for board, method in (("sub-board", "zhang"), ("charuco", "opencv")):
+    for board, method in (("sub-board", "zhang"), ("charuco", "opencv"))[: 1 if quick else 2]:
         labels = {"experiment": "count", "target": f"{board}, close", "boards": 1, "level": 0.0}
         found += [_rendered(labels, seed, scenes.close(board, seed), {"methods": [method]}) for seed in worlds]
         found += _drawn(labels, drawn, [method], ("close", board)) if board == "sub-board" else []
@@ -119,7 +121,7 @@ def _chains(quick: bool) -> list[Case]:
         labels = {"experiment": "chain", "target": "chain", "boards": CHAIN, "level": PRINT_MM}
         table = scenes.chain(CHAIN, 4, seed)
         found.append(_rendered(labels, seed, table, {"wide": (0, 1, 2, 4)}, "measure_chain", 1.8))
-    plan = [(CHAIN, 10)] if quick else [(CHAIN, 150), (LONG_CHAIN, 60)]
+    plan = [(CHAIN, 10)] if quick else [(CHAIN, 100), (LONG_CHAIN, 40)]
     for (count, worlds), sigma in product(plan, (PRINT_MM, 0.0)):
         wide = (0, 1, 2, 4) if count == CHAIN else (0, 1, 4)
         for first in range(0, worlds, PER_CASE):
