@@ -74,6 +74,8 @@ class Covariance:
 
     def points(self, points: np.ndarray) -> np.ndarray:
         """(3k, 3k) joint covariance of k points in mm^2."""
+        if not len(points):
+            return np.zeros((0, 0))
         own, y = self._rows(points)
         flat, k = y.reshape(-1, self._equations.size), len(points)
         # Symmetric products: half the work.

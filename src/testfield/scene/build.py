@@ -159,13 +159,14 @@ def build_world(scene: SceneFile, workshop: int | None = None) -> World:
                 "lower bow_mm or thickness_mm",
             )  # fmt: skip
         corners = nominal.has_corners
+        size = (1 + scale_error) * (1 + 1e-6 * board.scale_error_ppm)
         panel = parts.panel(
             board.name, R, t, board.size_mm, board.thickness_mm, board.ink, curvature, axis_rad, corners
         )  # fmt: skip
         if nominal.pattern is not None and corners:
-            parts.prints.append(Print(panel, nominal.pattern.cells.scaled(1 + scale_error)))
+            parts.prints.append(Print(panel, nominal.pattern.cells.scaled(size)))
         drawn = generator(made, f"print/{board.name}").normal(0, 1, nominal.marks.xy_mm.shape) * nominal.u_xy_mm
-        true_xy = nominal.marks.xy_mm * (1 + scale_error) + drawn
+        true_xy = nominal.marks.xy_mm * size + drawn
         for i, xy in enumerate(true_xy):
             parts.mark(panel, xy, nominal.marks.diameter_mm[i], int(nominal.marks.code[i]), BOARD, k, i, corners)
         for number, check in enumerate(scene.check_targets):

@@ -409,6 +409,11 @@ class BoardPart(_Part):
     print_sigma_mm: float = Field(
         0.01, ge=0, le=10, description="Standard deviation of each mark's true x and y about the nominal."
     )
+    scale_error_ppm: float = Field(
+        0, ge=-100000, le=100000,
+        description="By how much this board is printed larger than the scale all boards share; its certificate knows "
+        "nothing of it.",
+    )  # fmt: skip
     bow_mm: float = Field(
         0,
         description="How far the middle stands out from the edges across the bending axis, positive towards the "

@@ -1,0 +1,261 @@
+"""The study on stitched boards: growth along a chain, its scenes, its scores and its findings."""
+
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import tomli_w
+
+from testfield.calibrate.calibration import Calibration
+from testfield.camera.pose import Poses, rotation
+from testfield.report.study import drawn
+from testfield.scene.build import build_world
+from testfield.scene.check import check_scene
+from testfield.scene.load import parse_scene
+from testfield.scene.schema import SceneFile
+from testfield.scene.truth import see
+from testfield.scene.world import World
+from testfield.score.camera import true_in_datum
+from testfield.study import stitching, stitching_scenes
+from testfield.study.cases import Case, changed
+from testfield.study.chain_growth import chain_errors, grown, link_of_marks
+from testfield.study.run_cases import case_key, run_cases
+from testfield.study.stitching_page import read
+from testfield.study.stitching_summary import median_of, rms_of
+
+
+def _scene(table: stitching_scenes.Table) -> SceneFile:
+    return parse_scene(tomli_w.dumps(table), table["name"], Path())
+
+
+def _truth(world: World, moved: Poses | None = None) -> Calibration:
+    """A calibration that knows the truth, but for the boards' poses if `moved`."""
+    names = tuple(sheet.name for sheet in world.field.boards)
+    _, boards = true_in_datum(world, names)
+    labels = tuple(f"board:{n}.{axis}" for n in names[1:] for axis in ("rx", "ry", "rz", "tx", "ty", "tz"))
+    return Calibration(
+        "true", world.interior, world.station_name, world.camera_from_world, names, moved or boards, 1.0,
+        np.diag(np.tile([1e-10] * 3 + [1e-4] * 3, len(names) - 1)), labels, 1.0, 1, 0.0, 0,
+    )  # fmt: skip
+
+
+def test_growth_has_the_check_value_of_methods() -> None:
+    assert grown(np.array(20), 0.01, 2e-5, 500.0) ** 0.5 == pytest.approx(0.4990, abs=5e-5)
+    rng = np.random.default_rng(1)
+    shifts, turns = 0.01 * rng.standard_normal((4000, 20)), 2e-5 * rng.standard_normal((4000, 20))
+    heading = np.cumsum(turns, axis=1) - turns  # a link's turn moves what comes after it
+    end = (shifts + 500 * heading).sum(axis=1)
+    assert end.std() == pytest.approx(0.4990, rel=0.03)
+    assert grown(np.array(20), 0.01, 2e-5, 500.0) > 2 * (20 * 0.01**2 + (20 * 500 * 2e-5) ** 2 / 20)
+
+
+def test_growth_counts_what_shift_and_turn_of_a_link_share() -> None:
+    rng = np.random.default_rng(2)
+    turns = 2e-5 * rng.standard_normal((20000, 7))
+    shifts = 300 * turns + 0.002 * rng.standard_normal(turns.shape)
+    end = (shifts + 440 * (np.cumsum(turns, axis=1) - turns)).sum(axis=1)
+    s, shared = shifts.std(), float((shifts * turns).mean())
+    assert end.std() == pytest.approx(grown(np.array(7), s, 2e-5, 440.0, shared) ** 0.5, rel=0.02)
+    assert end.std() > 1.1 * grown(np.array(7), s, 2e-5, 440.0) ** 0.5
+
+
+def test_marks_turn_a_board_by_their_noise_over_the_root_of_their_squared_distances() -> None:
+    xy = stitching_scenes.sub_board_marks_mm()
+    sheet = build_world(_scene(stitching_scenes.field("flat", 1, 1))).field.boards[0].marks.xy_mm
+    np.testing.assert_allclose(np.sort(xy, axis=0), np.sort(sheet, axis=0), atol=1e-9)
+    rng, away = np.random.default_rng(5), xy - xy.mean(axis=0)
+    noise = rng.normal(0, 0.01, (4000, *xy.shape))
+    turns = (away[:, 0] * noise[..., 1] - away[:, 1] * noise[..., 0]).sum(axis=1) / (away**2).sum()
+    shift, turn = link_of_marks(xy, 0.01)
+    assert turns.std() == pytest.approx(turn, rel=0.04)
+    assert noise.mean(axis=1)[:, 0].std() == pytest.approx(shift, rel=0.04)
+
+
+def test_a_turned_link_moves_the_boards_behind_it() -> None:
+    world = build_world(_scene(stitching_scenes.chain(4, 1, 1)))
+    found = chain_errors(world, _truth(world))
+    assert max(abs(found.place_mm).max(), abs(found.shift_mm).max(), abs(found.turn_rad).max()) < 1e-9
+    # All boards from the third on are turned about the second's middle, towards the cameras and downwards.
+    datum, true = true_in_datum(world, tuple(sheet.name for sheet in world.field.boards))
+    turn = rotation(datum.R[0].T @ np.array([0.0, 2e-5, -1e-5]))
+    R, t = true.R.copy(), true.t_mm.copy()
+    for b in (2, 3):
+        R[b], t[b] = turn @ R[b], t[1] + turn @ (t[b] - t[1])
+    found = chain_errors(world, _truth(world, Poses(R, t)))
+    pitch = stitching_scenes.PITCH_MM
+    np.testing.assert_allclose(found.place_mm[:, 1], [0, pitch * 1e-5, 2 * pitch * 1e-5], atol=1e-7)
+    np.testing.assert_allclose(found.place_mm[:, 2], [0, -pitch * 2e-5, -2 * pitch * 2e-5], atol=1e-7)
+    # Seen from the second board the third is shifted, and turned; the last link is as it should be.
+    np.testing.assert_allclose(found.turn_rad, [[0, 0], [1e-5, -2e-5], [0, 0]], atol=1e-9)
+    np.testing.assert_allclose(found.shift_mm[1], [pitch * 1e-5, -pitch * 2e-5], atol=1e-7)
+    assert found.nees[0] == pytest.approx(0, abs=1e-9) and found.nees[2] > found.nees[1] > 0.5
+
+
+@pytest.mark.parametrize(
+    "table",
+    [
+        stitching_scenes.field("planned", 12, 3), stitching_scenes.field("random", 6, 3, bow_mm=1.0),
+        stitching_scenes.field("flat", 3, 3, scale_ppm=200.0), stitching_scenes.full(6, 3, bow_mm=25.0),
+        stitching_scenes.charuco(3, 3), stitching_scenes.close("sub-board", 3), stitching_scenes.chain(3, 1, 3),
+    ],
+    ids=lambda table: table["name"],
+)  # fmt: skip
+def test_every_scene_passes_all_checks(table: stitching_scenes.Table) -> None:
+    scene = _scene(table)
+    world = build_world(scene)
+    warnings = check_scene(scene, world, see(world), table["name"])
+    assert not [w for w in warnings if "joins" in w or "too small to decode" in w]
+
+
+def test_full_boards_have_as_many_marks_as_the_sub_boards() -> None:
+    for count in stitching_scenes.FULL:
+        full = build_world(_scene(stitching_scenes.full(count, 1))).field.boards
+        parts = build_world(_scene(stitching_scenes.field("planned", count, 1))).field.boards
+        assert len(parts) == count and sum(len(b.marks) for b in parts) == count * stitching_scenes.MARKS
+        assert len(full[0].marks) == count * stitching_scenes.MARKS
+
+
+def test_a_board_has_a_scale_of_its_own_that_no_sheet_knows() -> None:
+    table = stitching_scenes.field("planned", 2, 5)
+    plain, zero = (build_world(_scene(t)) for t in (table, changed(table, {"boards.1.scale_error_ppm": 0.0})))
+    np.testing.assert_array_equal(plain.marks.xy_mm, zero.marks.xy_mm)
+    larger = build_world(_scene(changed(table, {"boards.1.scale_error_ppm": 1000.0})))
+    own = plain.marks.board == 1
+    print_errors = {"rtol": 0, "atol": 1e-3 * 4 * 0.01}
+    np.testing.assert_allclose(larger.marks.xy_mm[own], plain.marks.xy_mm[own] * 1.001, **print_errors)
+    np.testing.assert_array_equal(larger.marks.xy_mm[~own], plain.marks.xy_mm[~own])
+    np.testing.assert_array_equal(larger.field.boards[1].marks.xy_mm, plain.field.boards[1].marks.xy_mm)
+
+
+def test_a_chain_uses_of_close_views_only_the_two_boards_they_are_aimed_at() -> None:
+    _, world, observations = stitching._pixels(stitching_scenes.chain(4, 2, 1))
+    for wide in (0, 1):
+        kept = stitching.chained(observations, world, wide)
+        seen = {
+            name: set(kept.board[kept.station == s].tolist()) - {-1} for s, name in enumerate(kept.stations)
+            if (kept.station == s).any()
+        }  # fmt: skip
+        assert seen["link02a"] == {1, 2} and seen["link03b"] == {2, 3}
+        assert [name for name in seen if name.startswith("wide")] == ["wide01a"][:wide]
+
+
+def test_confined_observations_lie_in_the_middle_and_coverage_says_how_much() -> None:
+    scene, world, observations = stitching._pixels(stitching_scenes.field("planned", 3, 1))
+    inside = stitching.confined(observations, scene, 0.5)
+    assert 0 < len(inside) < len(observations) and (inside.board >= 0).all()
+    assert len(stitching.confined(observations, scene, 1.01)) == (observations.board >= 0).sum()
+    assert (abs(inside.xy_px - [799.5, 599.5]) <= [400, 300]).all()
+    assert len(stitching._as_many(observations, inside, 1)) == len(inside)
+    calibration = _truth(world)
+    for xy, part in (([[0.0, 0.0]], 1 / 48), ([[0.0, 0.0], [1599, 1199], [1600.2, 1199]], 2 / 48)):
+        object.__setattr__(calibration, "residual_at_px", np.array(xy))
+        assert stitching.coverage(calibration) == pytest.approx(part)
+
+
+def test_the_mother_board_is_true_where_poses_and_scale_are() -> None:
+    table = changed(stitching_scenes.field("planned", 3, 1), {"u_print_scale_ppm": 0.0})
+    for board in table["boards"]:
+        board["print_sigma_mm"] = 0.0
+    world = build_world(_scene(table))
+    _, boards = true_in_datum(world, tuple(sheet.name for sheet in world.field.boards))
+    assert stitching.mother_rms_mm(world, _truth(world)) < 1e-9
+    moved = Poses(boards.R, boards.t_mm + np.array([[0, 0, 0], [0.03, 0, 0], [0, 0, 0]]))
+    assert 0.005 < stitching.mother_rms_mm(world, _truth(world, moved)) < 0.03
+
+
+def test_drawn_boards_are_stitched_within_what_is_claimed() -> None:
+    options = {"scene": ("field", "planned", 3), "values": {}, "seeds": [11], "windows": (0.7,),
+               "methods": ["stitched", "stitched_given"]}  # fmt: skip
+    rows = stitching.draw_field(Case({"boards": 3}, "", None, options), None)
+    assert [(row["method"], row["cut"]) for row in rows] == [
+        ("stitched", ""), ("stitched_given", ""), ("stitched", "middle"), ("stitched", "spread"),
+    ]  # fmt: skip
+    assert rows[0]["boards_nees"] < 2.5 and rows[0]["check_points"] == 12 and rows[0]["corner_px"] < 0.3
+    assert rows[1]["check_unfitted_mm"] < rows[0]["check_unfitted_mm"] + 0.01
+    assert rows[2]["observations"] == pytest.approx(rows[3]["observations"], rel=0.05)
+    assert rows[2]["observations"] < 0.9 * rows[0]["observations"]
+    assert rows[2]["coverage"] < rows[3]["coverage"]
+
+
+def test_a_rendered_board_goes_through_the_same_cases_as_drawn_ones(tmp_path: Path) -> None:
+    table = changed(stitching_scenes.close("sub-board", 1), {"camera.width_px": 800, "camera.height_px": 600,
+                    "camera.pixel_pitch_um": 9.0, "exposure.time_ms": 2.0, "render.light_paths": 32})  # fmt: skip
+    table["stations"] = table["stations"][:4]
+    table["measure"] = {"hold": ["k3"]}
+    options = {"methods": ["stitched"]}
+    rows = run_cases([Case({"boards": 1}, "testfield.study.stitching:measure_field", table, options)], tmp_path)
+    assert rows["observations"][0] > 100 and rows["sigma0"][0] < 1.3 and "check_points" not in rows
+
+
+def test_the_plans_are_whole_and_no_case_occurs_twice() -> None:
+    quick, whole = stitching.cases(True), stitching.cases(False)
+    for plan in (quick, whole):
+        assert len({case_key(case) for case in plan}) == len(plan)
+    tried = {(c.labels["target"], c.labels["boards"]) for c in whole if c.labels["experiment"] == "count"}
+    assert {("planned", n) for n in (1, 2, 3, 4, 6, 9, 12)} <= tried
+    assert {(t, n) for t in ("random", "flat", "full-size", "charuco") for n in (3, 6, 12)} <= tried
+    assert len(quick) < len(whole) / 3
+
+
+def test_medians_and_their_intervals() -> None:
+    found = median_of(np.arange(1.0, 101.0))
+    assert found == {"worlds": 100, "median": 50.5, "low": 40.0, "high": 61.0}
+    assert median_of(np.array([3.0, np.nan, 1.0])) == {"worlds": 3, "median": 3.0, "low": 1.0, "high": np.inf}
+    rms, low, high = rms_of(np.random.default_rng(3).normal(0, 2, 400))
+    assert low < 2 < high and low < rms < high
+
+
+def _rows() -> pd.DataFrame:
+    """Rows as the cases give them: corner errors fall with the number of boards, a chain grows by the law."""
+    rng, rows = np.random.default_rng(4), []
+    base = {"cut": "", "window": 1.0, "failed": "", "level": 0.0, "interior_nees": 1.0, "boards_nees": 1.0,
+            "sigma0": 1.0, "test_passed": True, "check_nees": 1.0, "mother_rms_mm": 0.01}  # fmt: skip
+    plan = [("planned", n, "stitched", 0.3 / n**2) for n in (1, 3, 12)]
+    plan += [("random", 3, "stitched", 0.2), ("full-size", 3, "stitched", 0.01), ("charuco", 3, "opencv", 0.4)]
+    plan += [("charuco", 3, "stitched", 0.3), ("sub-board, close", 1, "zhang", 0.008), ("planned", 3, "zhang", np.nan)]
+    plan += [("planned", 1, "zhang", 2e4)]
+    plan += [("full-size", 12, "stitched", 0.002), ("planned", 12, "stitched_given", 0.002)]
+    for target, boards, method, corner in plan:
+        for evidence, worlds in (("drawn", 10), ("rendered", 1)):
+            for world in range(worlds):
+                error = {
+                    "corner_px": corner * rng.uniform(0.8, 1.2),
+                    "check_rmse_mm": corner,
+                    "check_unfitted_mm": 0.02,
+                }
+                where = {"experiment": "count", "target": target, "boards": boards, "evidence": evidence}
+                rows.append(base | where | error | {"method": method, "world": world, "coverage": min(1, boards / 12)})
+    for cut, window, world in product(("middle", "spread"), (0.5, 0.8, 1.0), range(6)):
+        where = {"experiment": "coverage", "target": "planned", "boards": 12, "evidence": "drawn", "cut": cut}
+        where |= {"window": window, "corner_px": 0.002 / (window**8 if cut == "middle" else window)}
+        rows.append(base | where | {"method": "stitched", "world": world, "coverage": window, "observations": 100})
+    for fault, target, level in (("bent", "planned", 1.0), ("bent", "full-size", 1.0), ("scale", "planned", 200.0)):
+        where = {"experiment": fault, "target": target, "boards": 6, "evidence": "drawn", "level": level}
+        rows.append(base | where | {"method": "stitched", "world": 1, "corner_px": 0.1, "check_rmse_mm": 0.3})
+    for wide, sigma, world in np.ndindex(2, 2, 20):
+        shift, turn = rng.normal(0, 0.002, (7, 2)), rng.normal(0, 1e-5, (7, 2))
+        place = np.cumsum(shift + 440 * (np.cumsum(turn, axis=0) - turn), axis=0)
+        for k in range(7):
+            values = {"u_out_mm": 0.01, "u_up_mm": 0.01}
+            for i, axis in enumerate(("out", "up")):
+                values |= {f"shift_{axis}_mm": shift[k, i], f"turn_{axis}_rad": turn[k, i], f"{axis}_mm": place[k, i]}
+            where = {"experiment": "chain", "boards": 8, "evidence": "drawn", "level": 0.01 * sigma, "wide": 4 * wide}
+            rows.append(values | where | {"links": k + 1, "world": world, "nees": 1.0, "mother_rms_mm": 0.01})
+    return pd.DataFrame(rows)
+
+
+def test_findings_say_what_the_rows_say() -> None:
+    findings = read(_rows())
+    f = findings.figures
+    assert f["most_boards"] == 12 and f["enough_boards"] == 12 and f["charuco_boards"] == 3
+    assert f["planned_corner_px"] == pytest.approx(0.3 / 144, rel=0.2)
+    assert f["chain_exact_close_out_rms_mm"] == pytest.approx(f["chain_exact_close_out_law_mm"], rel=0.5)
+    assert "0.0080 px" in findings.verdict or "0.008" in findings.verdict
+    assert [sentence for sentence in findings.sentences if " nan " in sentence] == []
+    assert f["window_middle_px"] == pytest.approx(0.512) and f["window_spread_px"] == pytest.approx(0.004)
+    assert [plot.name for plot in findings.plots if b"<svg" not in drawn(plot)] == [] and len(findings.plots) == 4
+    one = next(table for table in findings.tables if table.title == "All fields").frame
+    alone = one[(one["target"] == "one of them alone") & (one["evidence"] == "drawn")]
+    assert alone["corner, px"].tolist()[1] == "beyond all"
