@@ -64,12 +64,12 @@ def _counts(quick: bool) -> list[Case]:
         for count in counts:
             labels = {"experiment": "count", "target": placement, "boards": count, "level": 0.0}
             methods = ["stitched", "stitched_given" if count > 1 else "zhang"]
-            for seed in range(1, 2 if quick else 4) if (placement, count) in rendered else ():
+            for seed in range(1, 2 if quick else 3) if (placement, count) in rendered else ():
                 options = {"methods": sorted({*methods, "zhang"}), "windows": _windows(placement, count)}
                 found.append(_rendered(labels, seed, scenes.field(placement, count, seed), options))
-            found += _drawn(labels, 10 if quick else 30, methods, ("field", placement, count))
+            found += _drawn(labels, 10 if quick else 20, methods, ("field", placement, count))
     labels = {"experiment": "coverage", "target": "planned", "boards": 12, "level": 0.0}
-    return found + _drawn(labels, 5 if quick else 20, [], ("field", "planned", 12), windows=_windows("planned", 12))
+    return found + _drawn(labels, 5 if quick else 10, [], ("field", "planned", 12), windows=_windows("planned", 12))
 
 
 def _windows(placement: str, count: int) -> tuple[float, ...]:
@@ -79,7 +79,7 @@ def _windows(placement: str, count: int) -> tuple[float, ...]:
 def _opponents(quick: bool) -> list[Case]:
     """An ideal full-size board, ChArUco of the same area, and one small board close by."""
     found = []
-    worlds, drawn = range(1, 2 if quick else 4), 10 if quick else 30
+    worlds, drawn = range(1, 2 if quick else 3), 10 if quick else 20
     for count in (3, 12) if quick else (3, 6, 12):
         labels = {"experiment": "count", "target": "full-size", "boards": count, "level": 0.0}
         found += _drawn(labels, drawn, ["stitched"], ("full", count))
@@ -102,22 +102,22 @@ def _faults(quick: bool) -> list[Case]:
         for level in levels:
             labels = {"experiment": fault, "target": "planned", "boards": 6, "level": level}
             value = {"bow_mm" if fault == "bent" else "scale_ppm": level}
-            for seed in range(1, 4) if level in (1.0, 200.0) and not quick else ():
+            for seed in range(1, 3) if level in (1.0, 200.0) and not quick else ():
                 table = scenes.field("planned", 6, seed, **value)
                 found.append(_rendered(labels, seed, table, {"methods": ["stitched"]}))
-            found += _drawn(labels, 5 if quick else 30, ["stitched"], ("field", "planned", 6), value)
+            found += _drawn(labels, 5 if quick else 20, ["stitched"], ("field", "planned", 6), value)
     for level in bows:
         # Of a sheet as stiff as the small one, bent with the same curvature, the bow grows with the square of its size.
         bow = level * (scenes.BOW_SIZE_MM / scenes.SIZE_MM[0]) ** 2
         labels = {"experiment": "bent", "target": "full-size", "boards": 6, "level": level}
-        found += _drawn(labels, 5 if quick else 30, ["stitched"], ("full", 6), {"bow_mm": bow})
+        found += _drawn(labels, 5 if quick else 20, ["stitched"], ("full", 6), {"bow_mm": bow})
     return found
 
 
 def _chains(quick: bool) -> list[Case]:
     """Rows of boards, without and with wide views."""
     found = []
-    for seed in range(1, 2 if quick else 8):
+    for seed in range(1, 2 if quick else 5):
         labels = {"experiment": "chain", "target": "chain", "boards": CHAIN, "level": PRINT_MM}
         table = scenes.chain(CHAIN, 4, seed)
         found.append(_rendered(labels, seed, table, {"wide": (0, 1, 2, 4)}, "measure_chain", 1.8))
