@@ -277,9 +277,9 @@ def test_claims_hold_over_fifty_worlds() -> None:
 
 
 def test_claims_hold_over_new_exposures_of_one_render(quick: Run) -> None:
-    figures = over_exposures(quick, 4, lambda _: None)
+    figures = over_exposures(quick, 3, lambda _: None)
     for group in ("camera", "boards", "check_points"):
-        low, high = nees_band(4 * figures[group]["degrees_of_freedom"], 0.999)
+        low, high = nees_band(3 * figures[group]["degrees_of_freedom"], 0.999)
         assert low < figures[group]["nees"] < high, group
 
 

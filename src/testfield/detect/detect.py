@@ -7,6 +7,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from testfield.camera.images import Frame, InvertedSheet, SensorSheet
+from testfield.detect.alike import unlike_neighbours
 from testfield.detect.bright import bright_marks
 from testfield.detect.centre import Centres
 from testfield.detect.centre_ring import Fitted, Rings, fit_with_rings
@@ -66,6 +67,11 @@ def detect(frame: Frame, field: Field, centroid: str, smallest_px: float) -> Obs
     board, point = np.full(n, -1), np.full(n, -1)
     board[good], point[good], refused = identify(targets.xy_px[good], targets.code[good], targets.affine[good], field)
     targets.status[good] = np.where(refused == "", MEASURED, refused)
+    for b, nominal in enumerate(field.boards):
+        mine = np.flatnonzero((board == b) & (targets.status == MEASURED))
+        marks = nominal.marks.xy_mm[point[mine]], nominal.marks.diameter_mm[point[mine]]
+        unlike = unlike_neighbours(*marks, targets.xy_px[mine], targets.moments_px2[mine], targets.cov_px2[mine])
+        targets.status[mine[unlike]] = "partly hidden or disturbed"
     plain = (targets.status == MEASURED) & (targets.code == PLAIN) & (board == -1)
     for outline in printed:
         inside = [cv2.pointPolygonTest(outline.astype(np.float32), xy, False) >= 0 for xy in targets.xy_px.tolist()]

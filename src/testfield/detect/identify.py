@@ -86,12 +86,17 @@ def _carry(layout: np.ndarray, image: np.ndarray, spread: np.ndarray) -> tuple[n
 def _turn_agrees(homography: np.ndarray, layout: np.ndarray, spread: np.ndarray) -> np.ndarray:
     """(n,) whether a homography turns and stretches each code as it was seen turned and stretched: `spread` (n, 2, 2)
     px/mm. A wrong number has a turn of its own, wherever its centre happens to lie."""
-    step = 0.5
-    at = _apply(homography, layout)
-    predicted = np.stack([(_apply(homography, layout + step * e) - at) / step for e in np.eye(2)], axis=-1)
+    predicted = local_maps(homography, layout)
     with np.errstate(invalid="ignore"):
         size = np.linalg.norm(predicted, axis=(1, 2))
         return np.linalg.norm(predicted - spread, axis=(1, 2)) < TURN_TOLERANCE * size
+
+
+def local_maps(homography: np.ndarray, layout: np.ndarray) -> np.ndarray:
+    """(n, 2, 2) px/mm: the linear maps that are a homography's around places (n, 2)."""
+    step = 0.5
+    at = _apply(homography, layout)
+    return np.stack([(_apply(homography, layout + step * e) - at) / step for e in np.eye(2)], axis=-1)
 
 
 def _grow(

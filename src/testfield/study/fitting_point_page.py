@@ -51,7 +51,7 @@ def read(table: pd.DataFrame) -> Findings:
                   "s_sys is not divided by the number of end points; the dispersion is.",
                   {name: "{:.1f}" for name in spread.columns[2:]}),
             Table(f"A scale bar that is wrong by {1e6 * SCALE_ERROR:.0f} ppm", scale, "Bias: mean over the trials and "
-                  "what METHODS section 3.3 foretells, mm. Flagged: trials with a bias beyond its 95 % limit, and with "
+                  "what the closed form foretells, mm. Flagged: trials with a bias beyond its 95 % limit, and with "
                   "a mean relative residual beyond its own.",
                   {"bias_mm": "{:.3f}", "foretold_mm": "{:.3f}", "flagged": "{:.2f}", "residual_ppm": "{:+.0f}",
                    "flagged_by_residual": "{:.2f}"}),
