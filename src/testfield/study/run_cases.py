@@ -8,6 +8,7 @@ digest of the case and of the code it was measured with: after a kill, the next 
 import multiprocessing
 import os
 import signal
+import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
@@ -106,7 +107,10 @@ def _run(case: Case, folder: Path) -> Run:
 def _group(cases: list[Case], keys: list[str], folder: Path) -> list[str | None]:
     """Do cases that share a run; for each, why it failed or None."""
     reasons: list[str | None] = []
+    parent = multiprocessing.parent_process()
     for case, key in zip(cases, keys, strict=True):
+        if parent is not None and not parent.is_alive():
+            sys.exit()  # nobody waits for the rest
         try:
             rows = do_case(case, folder)
         except TestfieldError as error:
