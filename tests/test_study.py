@@ -103,11 +103,17 @@ def test_a_study_writes_its_page_its_figures_and_their_data(tmp_path: Path) -> N
     def read(table: pd.DataFrame) -> Findings:
         data = table[["n", "square"]]
         plot = Plot("squares", "Squares", "As they grow.", data, lambda axes, d: axes.plot(d["n"], d["square"]))
-        return Findings("It holds.", ["Squares grow."], [Table("All", data)], [plot], {"largest": data["square"].max()})
+        return Findings(
+            "It holds.",
+            ["Squares grow."],
+            [Table("All", data)],
+            [plot],
+            {"largest": data["square"].max(), "none": float("nan")},
+        )
 
     study = Study("squares", "Squares", "They grow.", lambda quick: _cases(range(2 if quick else 3)), read)
     run_study(study, tmp_path, True, 1)
     page = (tmp_path / "report.html").read_text()
     assert "It holds." in page and "<svg" in page and "testfield study squares --quick" in page
     assert pd.read_csv(tmp_path / "squares.csv")["square"].tolist() == [0, 0, 1, 1]
-    assert json.loads((tmp_path / "findings.json").read_text())["figures"] == {"largest": 1.0}
+    assert json.loads((tmp_path / "findings.json").read_text())["figures"] == {"largest": 1, "none": None}
