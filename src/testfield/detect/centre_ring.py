@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from testfield.camera.images import SensorSheet
+from testfield.camera.images import InvertedSheet, SensorSheet
 from testfield.detect.centre import Centres
 from testfield.detect.centre_forward import (
     AXX,
@@ -50,12 +50,16 @@ TURNS = [(i, j) for i in range(3) for j in range(3) if (i, j) != (2, 2)]
 """Entries of the homography's departure from the dot's affine map, in dot radii."""
 BENT = RING + 1 + len(TURNS)
 """Where the light's curvature begins: contrast, then background that goes with x x, x y, y y, at the outer edge."""
-PARAMETERS = BENT + 6
+TWISTED = BENT + 6
+"""Where the cubic terms of the irradiance begin: x x x, x x y, x y y, y y y, at the outer edge."""
+PARAMETERS = TWISTED + 4
 NEAR_AFFINE = 1 / np.square([0.03, 0.03, 0.05, 0.03, 0.03, 0.05, 0.02, 0.02])
 """Inverse variances of these entries: how the code was read leaves a turn of a few hundredths open, and perspective
 moves the ring of a target by a few hundredths of its radius."""
 MOST_BENT = 0.1
 """Standard deviation of the light's curvature, in units of the contrast."""
+MOST_TWISTED = 0.03
+"""Standard deviation of the irradiance's cubic terms: shade that a card nearby throws falls off within its breadth."""
 NEAR_EDGE = 3.5
 """Standard deviations of pixel and blur by which pixels keep clear of what may be printed beyond the quiet zone."""
 LONGEST_TURN, STILL = 0.1, 1e-3
@@ -111,14 +115,22 @@ def fit_with_rings(image_dn: np.ndarray, sheet: SensorSheet, rough: Centres, rin
 class _Ring:
     """A batch's rings: `bright` (n, bits); `start` (n, 3, 3) the dots' affine maps from disc coordinates (clockwise) to
     px about the windows' middles; `contrast` (n,) in units of the dots'; `turn` (n, 8) departures; `bent` (n, 6) the
-    light's curvature in DN, at `reach_px` (n,) from the centre."""
+    light's curvature in DN and `twisted` (n, 4) the irradiance's cubic terms, at `reach_px` (n,) from the centre;
+    `dark_dn` is what a pixel without light has."""
 
     bright: np.ndarray
     start: np.ndarray
     contrast: np.ndarray
     turn: np.ndarray
     bent: np.ndarray
+    twisted: np.ndarray
     reach_px: np.ndarray
+    dark_dn: float
+
+    @property
+    def known(self) -> np.ndarray:
+        """(n, 18) the parameters that have a prior."""
+        return np.concatenate([self.turn, self.bent, self.twisted], axis=1)
 
     def homography(self) -> np.ndarray:
         departure = np.repeat(np.eye(3)[None], len(self.start), axis=0)
@@ -127,22 +139,26 @@ class _Ring:
         return self.start @ departure
 
 
-def _begin(batch: Batch, rings: Rings) -> _Ring:
+def _begin(batch: Batch, sheet: SensorSheet, rings: Rings) -> _Ring:
     n = len(batch.rows)
     start = np.repeat(np.eye(3)[None], n, axis=0)
     start[:, :2, :2] = rings.affine[batch.rows] * [1, -1]
     start[:, :2, 2] = batch.theta[:, :2]
     bright = bright_segments(rings.words[batch.rows], rings.bits)
     reach_px = rings.radii.outer * np.abs(np.linalg.eigvalsh(half_axes(batch.theta))).max(axis=1)
-    return _Ring(bright, start, np.ones(n), np.zeros((n, len(TURNS))), np.zeros((n, 6)), reach_px)
+    upside_down = isinstance(sheet, InvertedSheet)
+    dark_dn = sheet.largest_dn - sheet.black_level_dn if upside_down else sheet.black_level_dn
+    bare = np.zeros((n, len(TURNS))), np.zeros((n, 6)), np.zeros((n, 4))
+    return _Ring(bright, start, np.ones(n), *bare, reach_px, float(dark_dn))
 
 
 def _fit(batch: Batch, sheet: SensorSheet, rings: Rings) -> Fitted:
     """Gauss and Newton's iteration with weights of the model's own variance."""
-    theta, values, ring = batch.theta, batch.values, _begin(batch, rings)
+    theta, values, ring = batch.theta, batch.values, _begin(batch, sheet, rings)
     prior = np.zeros((len(theta), PARAMETERS))
     prior[:, RING + 1 : BENT] = NEAR_AFFINE
-    prior[:, BENT:] = 1 / np.square(MOST_BENT * theta[:, [CONTRAST]])
+    prior[:, BENT:TWISTED] = 1 / np.square(MOST_BENT * theta[:, [CONTRAST]])
+    prior[:, TWISTED:] = 1 / MOST_TWISTED**2
     good = sound(batch, theta)
     safe = theta.copy()
     converged = np.zeros(len(theta), bool)
@@ -153,7 +169,7 @@ def _fit(batch: Batch, sheet: SensorSheet, rings: Rings) -> Fitted:
         weight = use / sheet.variance_dn2(model)
         normal, right = normal_matrix(jacobian, weight, values - model)
         normal[:, np.arange(PARAMETERS), np.arange(PARAMETERS)] += prior
-        right[:, RING + 1 :] -= prior[:, RING + 1 :] * np.concatenate([ring.turn, ring.bent], axis=1)
+        right[:, RING + 1 :] -= prior[:, RING + 1 :] * ring.known
         covariance = inverse(normal)
         step = np.einsum("nij,nj->ni", covariance, right)
         longest = np.abs(step[:, : BLUR + 1]).max(axis=1) / (0.5 * np.maximum(theta[:, BLUR], 0.5))
@@ -163,9 +179,11 @@ def _fit(batch: Batch, sheet: SensorSheet, rings: Rings) -> Fitted:
         theta[:, BLUR] = theta[:, BLUR].clip(LEAST_BLUR_PX, MOST_BLUR_PX)
         ring.contrast += step[:, RING]
         ring.turn += step[:, RING + 1 : BENT]
-        ring.bent += step[:, BENT:]
+        ring.bent += step[:, BENT:TWISTED]
+        ring.twisted += step[:, TWISTED:]
         good &= sound(batch, theta) & np.isfinite(ring.turn).all(axis=1)
         theta[~good], ring.contrast[~good], ring.turn[~good], ring.bent[~good] = safe[~good], 1, 0, 0
+        ring.twisted[~good] = 0
         sigma = np.sqrt(np.maximum(np.einsum("nii->ni", covariance[:, :2, :2]), 0))
         still = np.abs(step[:, RING + 1 : BENT]).max(axis=1) < STILL
         converged = good & still & (longest < 1) & (np.abs(step[:, :2]) < 0.02 * sigma + 1e-6).all(axis=1)
@@ -189,7 +207,7 @@ def _worst_patch(residual: np.ndarray, variance: np.ndarray, contrast: np.ndarra
 
 
 def _model(batch: Batch, ring: _Ring, rings: Rings) -> tuple[np.ndarray, np.ndarray]:
-    """Pixel values (n, m, m) of dot and ring, and their derivatives (n, 27, m, m)."""
+    """Pixel values (n, m, m) of dot and ring, and their derivatives (n, 31, m, m)."""
     theta = batch.theta
     value, by_dot = dot_model(batch, theta, None)
     homography = ring.homography()
@@ -207,13 +225,17 @@ def _model(batch: Batch, ring: _Ring, rings: Rings) -> tuple[np.ndarray, np.ndar
     u, v = dx / ring.reach_px[:, None, None], dy / ring.reach_px[:, None, None]
     curves = np.stack([u * u * np.ones_like(v), u * v, v * v * np.ones_like(u)], axis=1)
     bend, ground = (np.einsum("nk,nkab->nab", part, curves) for part in (ring.bent[:, :3], ring.bent[:, 3:]))
+    cubes = np.stack([u * u * u * np.ones_like(v), u * u * v, u * v * v, v * v * v * np.ones_like(u)], axis=1)
+    twist = np.einsum("nk,nkab->nab", ring.twisted, cubes)
     whole = whole + bend * seen.value
     share = ring.contrast[:, None, None]
 
     covered = by_dot[:, CONTRAST] + share * seen.value
     jacobian = np.empty((len(theta), PARAMETERS, *value.shape[1:]))
     jacobian[:, :RING] = by_dot
-    jacobian[:, BENT : BENT + 3], jacobian[:, BENT + 3 :] = curves * covered[:, None], curves
+    jacobian[:, BENT : BENT + 3], jacobian[:, BENT + 3 : TWISTED] = curves * covered[:, None], curves
+    light = column[CONTRAST] * covered + column[BACKGROUND] - ring.dark_dn
+    jacobian[:, TWISTED:] = cubes * light[:, None]
     for k in (0, 1):
         jacobian[:, CX + k] -= share * column[CONTRAST_X + k] * seen.value
     jacobian[:, BLUR] += share * lit * seen.by_blur
@@ -234,7 +256,7 @@ def _model(batch: Batch, ring: _Ring, rings: Rings) -> tuple[np.ndarray, np.ndar
         for j in range(3):
             if (i, j) in TURNS:
                 jacobian[:, RING + 1 + TURNS.index((i, j))] = moved * plane[:, j]
-    return value + ground + bend * by_dot[:, CONTRAST] + share * whole, jacobian
+    return value + ground + bend * by_dot[:, CONTRAST] + share * whole + twist * light, jacobian
 
 
 def _usable(batch: Batch, radii: RingRadii) -> np.ndarray:
