@@ -166,9 +166,7 @@ def remarks(found: pd.DataFrame, table: pd.DataFrame) -> list[str]:
             f"{worst.noise} noise, {worst.ranges} ranges and {worst.cameras} cameras: NEES {worst.nees:.2f} "
             f"({worst.nees_low:.2f} to {worst.nees_high:.2f}), RMSE {1e3 * worst.rmse_mm:.1f} µm where noise alone "
             f"gives {1e3 * worst.predicted_mm:.1f}. That part of the centres' errors comes again in every exposure: "
-            "neither weights nor more cameras lessen it as they lessen noise. It is the light: where a neighbouring "
-            "card stands nearer to the cameras, its shade falls across the card behind in another manner than "
-            "sloping and bent, which is all that the fit of dot and ring allows."
+            "neither weights nor more cameras lessen it as they lessen noise."
         )
     estimated = _of(found, calibration="estimated", method="gls")
     if len(estimated):
