@@ -187,7 +187,8 @@ def _orders(runs: Runs, acting: np.ndarray) -> pd.DataFrame:
 
 def _swept(sweep: pd.DataFrame) -> pd.DataFrame:
     kept = sweep[sweep["lost"].fillna("") == ""]
-    if len(kept) < len(sweep) or not len(sweep):
+    levels = kept.groupby("block").size().reindex(NAMES)
+    if len(kept) < len(sweep) or levels.isna().any() or levels.nunique() > 1:
         return pd.DataFrame({"factor": []})  # a sweep with a hole is none
     return sweep_table(kept).sort_values("change of ln RMSE", key=np.abs, ascending=False).reset_index(drop=True)
 
