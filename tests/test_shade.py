@@ -11,7 +11,7 @@ from testfield.chain.run import Run, begin
 from testfield.chain.stages import run_stage
 from testfield.detect import centre_ring
 from testfield.detect.detect import detect
-from testfield.sensor.expose import Sensor
+from testfield.scene.exposure import sensor_of
 from testfield.study.wls_field import AMBIENT_W_M2_SR
 
 PITCH_MM, STEP_MM = 134.4, 25.0
@@ -46,11 +46,7 @@ def staircase(tmp_path_factory: pytest.TempPathFactory) -> tuple[Frame, Run]:
     (folder / "scene.toml").write_text(tomli_w.dumps(scene))
     run, _ = begin(folder / "scene.toml", folder / "run", None, 1)
     run_stage(run, "render")
-    light, camera = Radiance.load(run.folder / "radiance/s1.exr"), run.scene.camera
-    sensor = Sensor(
-        pixel_pitch_um=camera.pixel_pitch_um, f_number=camera.f_number, time_ms=run.scene.exposure.time_ms,
-        **run.scene.sensor.model_dump(),
-    )  # fmt: skip
+    light, sensor = Radiance.load(run.folder / "radiance/s1.exr"), sensor_of(run.scene)
     dn = light.values * sensor.electrons_per_radiance / sensor.gain_e_per_dn + sensor.black_level_dn
     s = sensor.sheet
     sheet = SensorSheet(s.gain_e_per_dn / FINE, s.read_noise_e, s.black_level_dn * FINE, 16, s.full_well_e, None)

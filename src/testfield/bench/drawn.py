@@ -8,11 +8,10 @@ import numpy as np
 
 from testfield.camera.circle import disc_image
 from testfield.detect.observations import MEASURED, Observations
-from testfield.scene.exposure import white_radiance
+from testfield.scene.exposure import sensor_of, white_radiance
 from testfield.scene.schema import SceneFile
 from testfield.scene.truth import Views
 from testfield.scene.world import World
-from testfield.sensor.expose import Sensor
 
 OBLIQUE_DEG = 75
 """Dots seen more obliquely are not measured."""
@@ -55,10 +54,7 @@ def bound_px2(moments_px2: np.ndarray, snr: np.ndarray, edge_px: float) -> np.nd
 def _levels(scene: SceneFile, world: World) -> tuple[np.ndarray, np.ndarray]:
     """(marks,) contrast of each mark, and the noise half way between its white and its black, in DN."""
     white, contrast = white_radiance(world)
-    sensor = Sensor(
-        pixel_pitch_um=scene.camera.pixel_pitch_um, f_number=scene.camera.f_number, time_ms=scene.exposure.time_ms,
-        **scene.sensor.model_dump(),
-    )  # fmt: skip
+    sensor = sensor_of(scene)
     dn = sensor.electrons_per_radiance / sensor.gain_e_per_dn
     # Where no lamp shines there is still the light that the room reflects, which the estimate leaves out.
     bright = contrast > 0

@@ -85,15 +85,10 @@ def render(run: Run) -> Made:
 
 def expose(run: Run) -> Made:
     """A digital frame of every station."""
-    from testfield.sensor.expose import Sensor
+    from testfield.scene.exposure import sensor_of
 
     scene = run.scene
-    sensor = Sensor(
-        pixel_pitch_um=scene.camera.pixel_pitch_um,
-        f_number=scene.camera.f_number,
-        time_ms=scene.exposure.time_ms,
-        **scene.sensor.model_dump(),
-    )
+    sensor = sensor_of(scene)
     code = code_digest("testfield.sensor.expose")
     work = []
     for name in run.stations:

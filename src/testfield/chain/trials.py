@@ -129,13 +129,11 @@ def reexposed(run: Run, seed: int) -> Observations:
     """
     from testfield.camera.images import Radiance
     from testfield.detect.detect import detect
-    from testfield.sensor.expose import Sensor, expose
+    from testfield.scene.exposure import sensor_of
+    from testfield.sensor.expose import expose
 
     scene = run.scene
-    sensor = Sensor(
-        pixel_pitch_um=scene.camera.pixel_pitch_um, f_number=scene.camera.f_number, time_ms=scene.exposure.time_ms,
-        **scene.sensor.model_dump(),
-    )  # fmt: skip
+    sensor = sensor_of(scene)
     parts = []
     for name in run.stations:
         radiance = Radiance.load(run.need(f"radiance/{name}.exr", "render"))

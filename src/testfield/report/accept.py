@@ -1,6 +1,5 @@
 """The page of `testfield accept`: what standards would ask of a run."""
 
-import io
 from typing import Any
 
 import numpy as np
@@ -9,7 +8,7 @@ from matplotlib.colors import LinearSegmentedColormap
 
 from testfield.report.pages import page
 from testfield.report.plan import ELEVATION, PLAN, draw_field
-from testfield.report.style import ACCENT, FAINT, WARM, figure
+from testfield.report.style import ACCENT, FAINT, WARM, figure, svg_of
 from testfield.scene.world import World
 from testfield.score.length_test import Limit, MeasuredLengths, slope, smallest_a
 
@@ -121,7 +120,5 @@ def plan_of_lengths(world: World, lengths: MeasuredLengths) -> Markup:
 
 
 def _inline(drawing: Any) -> Markup:
-    file = io.BytesIO()
-    drawing.savefig(file, format="svg", metadata={"Date": None})
-    svg = file.getvalue()
+    svg = svg_of(drawing)
     return Markup(svg[svg.index(b"<svg") :].decode())

@@ -1,8 +1,5 @@
 """The report's figures, each a function of the run's data that returns an SVG or PNG as bytes."""
 
-import io
-from typing import Any
-
 import cv2
 import numpy as np
 
@@ -10,7 +7,7 @@ from testfield.calibrate.calibration import Calibration
 from testfield.camera.images import Frame
 from testfield.detect.observations import MEASURED, Observations
 from testfield.report.plan import ELEVATION, PLAN, draw_field
-from testfield.report.style import ACCENT, INK, WARM, figure
+from testfield.report.style import ACCENT, INK, WARM, figure, svg_of
 from testfield.scene.world import World
 from testfield.score.camera import true_in_datum
 from testfield.score.detection import DetectionScore
@@ -89,7 +86,7 @@ def residual_map(calibration: Calibration) -> bytes:
         axes.set_aspect("equal")
         axes.set_xlabel("x, px")
         axes.set_ylabel("y, px")
-        return _svg(drawing)
+        return svg_of(drawing)
 
 
 def field_plan(world: World, calibration: Calibration, score: PointScore) -> bytes:
@@ -118,7 +115,7 @@ def field_plan(world: World, calibration: Calibration, score: PointScore) -> byt
             axes.set_xlim(low[0] - 0.35, high[0] + 0.35)
             axes.set_ylim(low[1] - 0.35, high[1] + 0.35)
             axes.set_title(f"{title}: ellipses (95 %) and errors {factor:g} times enlarged", loc="left")
-        return _svg(drawing)
+        return svg_of(drawing)
 
 
 def centre_errors(score: DetectionScore) -> bytes:
@@ -136,7 +133,7 @@ def centre_errors(score: DetectionScore) -> bytes:
         right.plot(r, r * np.exp(-r * r / 2), color=WARM, lw=1.5, label="claimed")
         right.set_xlabel("error in units of its claimed sigma")
         right.legend(frameon=False)
-        return _svg(drawing)
+        return svg_of(drawing)
 
 
 def claimed_against_actual(score: PointScore) -> bytes:
@@ -157,7 +154,7 @@ def claimed_against_actual(score: PointScore) -> bytes:
         axes.set_xlabel("claimed standard uncertainty, µm")
         axes.set_ylabel("actual error, µm")
         axes.legend(frameon=False, loc="upper left")
-        return _svg(drawing)
+        return svg_of(drawing)
 
 
 def _ellipse(covariance: np.ndarray, k: float) -> np.ndarray:
@@ -172,9 +169,3 @@ def _round_up(value: float) -> float:
         return 1.0
     power = 10.0 ** np.floor(np.log10(value))
     return float(next(step for step in (1, 2, 5, 10) if step * power >= value * (1 - 1e-9)) * power)
-
-
-def _svg(drawing: Any) -> bytes:
-    buffer = io.BytesIO()
-    drawing.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
-    return buffer.getvalue()

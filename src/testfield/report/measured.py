@@ -15,7 +15,7 @@ from testfield.chain.measure import Measurement
 from testfield.detect.observations import MEASURED
 from testfield.report import figures
 from testfield.report.pages import page
-from testfield.report.style import ACCENT, INK, WARM, figure
+from testfield.report.style import ACCENT, INK, WARM, figure, svg_of
 from testfield.targets.field_file import FieldFile
 
 PICTURE_WIDTH = 1240
@@ -162,7 +162,7 @@ def point_plan(result: Measurement) -> bytes:
             axes.set_ylabel(f"{'xyz'[plane[1]]}, mm")
             axes.set_title(f"{title}; ellipses of 95 %, {factor:g} times enlarged", loc="left")
         both[0].legend(loc="upper right", framealpha=0.9)
-        return figures._svg(drawing)
+        return svg_of(drawing)
 
 
 def _picture(path: Path) -> str:

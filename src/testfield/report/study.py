@@ -1,6 +1,5 @@
 """A study's page, its figures as SVG and their data as CSV."""
 
-import io
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +7,7 @@ from markupsafe import Markup
 
 from testfield.chain.files import whole
 from testfield.report.pages import page
-from testfield.report.style import figure
+from testfield.report.style import figure, svg_of
 from testfield.study.study import Findings, Plot, Study, Table
 
 
@@ -37,9 +36,7 @@ def drawn(plot: Plot) -> bytes:
     """A plot as SVG, the same bytes for the same data."""
     with figure(*plot.size_in, columns=plot.columns, rows=plot.rows) as (drawing, axes):
         plot.draw(axes, plot.data)
-        file = io.BytesIO()
-        drawing.savefig(file, format="svg", metadata={"Date": None})
-        return file.getvalue()
+        return svg_of(drawing)
 
 
 def as_html(table: Table) -> str:

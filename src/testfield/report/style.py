@@ -1,5 +1,6 @@
 """One look for all figures."""
 
+import io
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -25,3 +26,10 @@ def figure(
         drawing = Figure((width_in, height_in), layout="constrained")
         FigureCanvasAgg(drawing)
         yield drawing, drawing.subplots(rows, columns, **options) if columns else None
+
+
+def svg_of(drawing: Any) -> bytes:
+    """A figure as SVG, the same bytes for the same figure."""
+    buffer = io.BytesIO()
+    drawing.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+    return buffer.getvalue()

@@ -19,6 +19,14 @@ FULL, WISHED, LEAST_CONTRAST = 0.95, 0.7, 20.0
 """Parts of saturation that count as full and that are advised; the least contrast in sigmas of white's noise."""
 
 
+def sensor_of(scene: SceneFile) -> Sensor:
+    """The scene's sensor, exposed as the scene says."""
+    return Sensor(
+        pixel_pitch_um=scene.camera.pixel_pitch_um, f_number=scene.camera.f_number, time_ms=scene.exposure.time_ms,
+        **scene.sensor.model_dump(),
+    )  # fmt: skip
+
+
 def check_exposure(scene: SceneFile, world: World, source: str) -> list[str]:
     """Warnings of boards whose white would saturate or drown in noise. Raises `TestfieldError` where no light falls."""
     if not len(world.field.boards):
@@ -29,10 +37,7 @@ def check_exposure(scene: SceneFile, world: World, source: str) -> list[str]:
             "no board receives any light: every lamp shines away from them, and there is none from all around",
             f"{source}, room.lights", "turn `normal` of the lamps to the boards, or give room.ambient_w_m2_sr",
         )  # fmt: skip
-    sensor = Sensor(
-        pixel_pitch_um=scene.camera.pixel_pitch_um, f_number=scene.camera.f_number, time_ms=scene.exposure.time_ms,
-        **scene.sensor.model_dump(),
-    )  # fmt: skip
+    sensor = sensor_of(scene)
     sheet, where = sensor.sheet, f"{source}, exposure.time_ms = {scene.exposure.time_ms:g}"
     dn = sensor.electrons_per_radiance / sensor.gain_e_per_dn
     room_dn = sheet.saturation_dn - sheet.black_level_dn
