@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from time import monotonic, sleep
 from typing import Any
 
 import pandas as pd
@@ -10,6 +11,7 @@ import pytest
 from testfield.chain.run import Run
 from testfield.chain.stages import run_stage
 from testfield.errors import TestfieldError
+from testfield.study import run_cases as run_cases_module
 from testfield.study.cases import Case, changed, scene_table
 from testfield.study.run_cases import run_cases
 from testfield.study.study import Findings, Plot, Study, Table, run_study
@@ -77,9 +79,41 @@ def test_a_case_that_fails_says_why_and_is_tried_again(tmp_path: Path) -> None:
     assert DONE == [1]
 
 
+def test_a_case_is_done_again_when_an_algorithm_that_is_found_by_name_has_changed(monkeypatch) -> None:
+    case = Case({}, "testfield.study.stitching:measure_field")
+    before, asked = run_cases_module.case_key(case), []
+    monkeypatch.setattr(run_cases_module, "code_digest", lambda *modules: asked.extend(modules) or "other")
+    assert run_cases_module.case_key(case) != before
+    assert {"testfield.detect.centre_forward", "testfield.reconstruct.gls", "testfield.calibrate.dlt"} <= set(asked)
+
+
 def test_two_processes_find_what_one_finds(tmp_path: Path) -> None:
     one, two = run_cases(_cases(range(4)), tmp_path / "one"), run_cases(_cases(range(4)), tmp_path / "two", jobs=2)
     pd.testing.assert_frame_equal(one, two)
+
+
+def wait_for_file(case: Case, run: Run | None) -> list[dict[str, Any]]:
+    """Whether the file that the case waits for was there within ten seconds."""
+    awaited = case.options.get("awaited")
+    end = monotonic() + 10
+    while awaited and not Path(awaited).is_file() and monotonic() < end:
+        sleep(0.05)
+    return [{"in_time": not awaited or Path(awaited).is_file()}]
+
+
+def test_progress_is_told_case_by_case_while_a_process_still_works_on_the_next(tmp_path: Path) -> None:
+    sign = tmp_path / "the first was told"
+    options: list[dict[str, Any]] = [{}, {"awaited": str(sign)}, {}]
+    cases = [Case({"n": n}, f"{__name__}:wait_for_file", options=o) for n, o in enumerate(options)]
+    keys = [run_cases_module.case_key(case) for case in cases]
+    told = []
+    for k, reason in run_cases_module._done([[0, 1], [2]], cases, keys, tmp_path, 2):
+        told.append(k)
+        assert reason is None
+        if k == 0:
+            sign.touch()
+    assert sorted(told) == [0, 1, 2]
+    assert pd.read_parquet(run_cases_module._file(tmp_path, keys[1]))["in_time"].all()
 
 
 def test_cases_of_one_scene_share_its_renders(tmp_path: Path) -> None:

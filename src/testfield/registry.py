@@ -32,6 +32,12 @@ def names(stage: str) -> list[str]:
     return sorted(announced | set(_registered[stage]))
 
 
+def own_modules() -> list[str]:
+    """Names of this package's modules that announce an algorithm of any stage, sorted."""
+    points = {point.module for stage in STAGES for point in entry_points(group=f"testfield.{stage}")}
+    return sorted(module for module in points if module.partition(".")[0] == "testfield")
+
+
 def module_of(stage: str, name: str) -> str:
     """Name of the module in which an algorithm is defined."""
     return find(stage, name).__module__

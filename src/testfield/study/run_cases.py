@@ -10,10 +10,11 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
+from time import sleep
 from typing import Any, Protocol
 
 import pandas as pd
@@ -24,6 +25,7 @@ from testfield.chain.files import digest, whole
 from testfield.chain.progress import bar
 from testfield.chain.run import Run, begin
 from testfield.errors import TestfieldError
+from testfield.registry import own_modules
 from testfield.study.cases import Case
 
 FAILURE = "failure"
@@ -59,11 +61,13 @@ def run_cases(
             todo.setdefault(run_name(case) or f"case {k}", []).append(k)
     failed: dict[int, str] = {}
     total = sum(case.weight for case in cases)
+    missing = {k for places in todo.values() for k in places}
     with bar(title, total, "cases" if total == len(cases) else "units") as move:
-        move(total - sum(cases[k].weight for places in todo.values() for k in places))
-        for places, reasons in _done(list(todo.values()), cases, keys, folder, jobs):
-            move(sum(cases[k].weight for k in places))
-            failed |= reasons
+        move(total - sum(cases[k].weight for k in missing))
+        for k, reason in _done(list(todo.values()), cases, keys, folder, jobs):
+            move(cases[k].weight)
+            if reason:
+                failed[k] = reason
     tables = []
     for k, case in enumerate(cases):
         found = pd.DataFrame([{FAILURE: failed[k]}]) if k in failed else pd.read_parquet(_file(folder, keys[k]))
@@ -81,8 +85,9 @@ def finished(cases: list[Case], folder: Path) -> list[Case]:
 
 
 def case_key(case: Case) -> str:
-    """Digest of all that a case's rows depend on."""
-    return digest(case.labels, case.work, case.scene, case.options, code_digest(case.work.partition(":")[0]))
+    """Digest of all that a case's rows depend on; algorithms found by name at run time count, whichever it uses."""
+    code = code_digest(case.work.partition(":")[0], *own_modules())
+    return digest(case.labels, case.work, case.scene, case.options, code)
 
 
 def run_name(case: Case) -> str | None:
@@ -104,43 +109,53 @@ def _run(case: Case, folder: Path) -> Run:
     return run
 
 
-def _group(cases: list[Case], keys: list[str], folder: Path) -> list[str | None]:
-    """Do cases that share a run; for each, why it failed or None."""
-    reasons: list[str | None] = []
+def _try(case: Case, key: str, folder: Path) -> str | None:
+    """Do a case and keep its rows; why it failed, or None."""
+    try:
+        rows = do_case(case, folder)
+    except TestfieldError as error:
+        return error.sentence()
+    with whole(_file(folder, key)) as path:
+        pd.DataFrame(rows).to_parquet(path, index=False)
+    return None
+
+
+def _group(cases: list[Case], keys: list[str], folder: Path) -> dict[str, str | None]:
+    """Do cases that share a run, in a process of the pool; by key, why each failed or None."""
+    reasons: dict[str, str | None] = {}
     parent = multiprocessing.parent_process()
     for case, key in zip(cases, keys, strict=True):
         if parent is not None and not parent.is_alive():
             sys.exit()  # nobody waits for the rest
-        try:
-            rows = do_case(case, folder)
-        except TestfieldError as error:
-            reasons.append(error.sentence())
-            continue
-        with whole(_file(folder, key)) as path:
-            pd.DataFrame(rows).to_parquet(path, index=False)
-        reasons.append(None)
+        reasons[key] = _try(case, key, folder)
     return reasons
 
 
 def _done(
     groups: list[list[int]], cases: list[Case], keys: list[str], folder: Path, jobs: int
-) -> Iterator[tuple[list[int], dict[int, str]]]:
-    """Groups as they are done, with the reasons of those cases that failed."""
+) -> Iterator[tuple[int, str | None]]:
+    """Cases by number as they are done, with the reason of one that failed.
 
-    def told(places: list[int], reasons: list[str | None]) -> tuple[list[int], dict[int, str]]:
-        return places, {k: reason for k, reason in zip(places, reasons, strict=True) if reason}
-
-    parts = [([cases[k] for k in places], [keys[k] for k in places], folder) for places in groups]
+    A group may work for an hour, so what it has finished is seen from the files it leaves.
+    """
     if jobs <= 1 or len(groups) <= 1:
-        for places, part in zip(groups, parts, strict=True):
-            yield told(places, _group(*part))
+        for k in (k for places in groups for k in places):
+            yield k, _try(cases[k], keys[k], folder)
         return
     with local_pool(jobs) as pool:
-        waiting: dict[Future, list[int]] = {
-            pool.submit(_group, *part): places for places, part in zip(groups, parts, strict=True)
+        left: dict[Future, list[int]] = {
+            pool.submit(_group, [cases[k] for k in places], [keys[k] for k in places], folder): places
+            for places in groups
         }
-        for future in as_completed(waiting):
-            yield told(waiting[future], future.result())
+        while left:
+            sleep(LOOK_S)
+            for future in list(left):
+                reasons = future.result() if future.done() else {}
+                for k in [k for k in left[future] if keys[k] in reasons or _file(folder, keys[k]).is_file()]:
+                    left[future].remove(k)
+                    yield k, reasons.get(keys[k])
+                if not left[future]:
+                    del left[future]
 
 
 @contextmanager
@@ -162,6 +177,7 @@ def local_pool(jobs: int) -> Iterator[Pool]:
     pool.shutdown()
 
 
+LOOK_S = 0.3
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
 
