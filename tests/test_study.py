@@ -1,13 +1,19 @@
 """The one function that does all studies' cases."""
 
 import json
+import os
+import signal
+import subprocess
+import sys
 from pathlib import Path
 from time import monotonic, sleep
 from typing import Any
 
+import numpy as np
 import pandas as pd
 import pytest
 
+from testfield.chain.code import sources
 from testfield.chain.run import Run
 from testfield.chain.stages import run_stage
 from testfield.errors import TestfieldError
@@ -82,9 +88,60 @@ def test_a_case_that_fails_says_why_and_is_tried_again(tmp_path: Path) -> None:
 def test_a_case_is_done_again_when_an_algorithm_that_is_found_by_name_has_changed(monkeypatch) -> None:
     case = Case({}, "testfield.study.stitching:measure_field")
     before, asked = run_cases_module.case_key(case), []
-    monkeypatch.setattr(run_cases_module, "code_digest", lambda *modules: asked.extend(modules) or "other")
+    monkeypatch.setattr(run_cases_module, "code_digest", lambda *modules, **_: asked.extend(modules) or "other")
     assert run_cases_module.case_key(case) != before
     assert {"testfield.detect.centre_forward", "testfield.reconstruct.gls", "testfield.calibrate.dlt"} <= set(asked)
+
+
+def test_rewording_a_page_throws_no_case_away() -> None:
+    used = sources(("testfield.study.stitching",), ("testfield.report", "testfield.certify"))
+    assert not {"report", "certify"} & {path.parent.name for path in used}
+    assert {"render", "detect", "calibrate"} <= {path.parent.name for path in used}
+
+
+def test_a_damaged_file_of_a_case_is_made_again(tmp_path: Path) -> None:
+    cases = _cases(range(2))
+    whole = run_cases(cases, tmp_path)
+    damaged = run_cases_module._file(tmp_path, run_cases_module.case_key(cases[1]))
+    damaged.write_bytes(damaged.read_bytes()[:60])
+    DONE.clear()
+    pd.testing.assert_frame_equal(run_cases(cases, tmp_path), whole)
+    assert DONE == [1]
+
+
+def singular(case: Case, run: Run | None) -> list[dict[str, Any]]:
+    return [{"inverse": float(np.linalg.inv(np.zeros((2, 2)))[0, 0])}]
+
+
+def test_a_singular_matrix_is_one_cases_failure_and_not_the_studys_end(tmp_path: Path) -> None:
+    table = run_cases([*_cases(range(1)), Case({"n": 9}, f"{__name__}:singular")], tmp_path)
+    assert table["square"].iloc[0] == 0 and "Singular" in table["failure"].iloc[-1]
+
+
+def one_second(case: Case, run: Run | None) -> list[dict[str, Any]]:
+    sleep(1)
+    return [{}]
+
+
+def in_two_long_groups(folder: Path) -> None:
+    """What the interrupted process does: two processes, 30 cases of a second each."""
+    cases = [Case({"n": n}, f"{__name__}:one_second") for n in range(60)]
+    keys = [run_cases_module.case_key(case) for case in cases]
+    list(run_cases_module._done([list(range(30)), list(range(30, 60))], cases, keys, folder, 2))
+
+
+def test_an_interrupt_ends_a_study_after_the_cases_at_hand(tmp_path: Path) -> None:
+    command = f"from {__name__} import *; in_two_long_groups(Path({str(tmp_path)!r}))"
+    there = os.environ | {"PYTHONPATH": str(Path(__file__).parent)}
+    study = subprocess.Popen([sys.executable, "-c", command], env=there, stderr=subprocess.DEVNULL)
+    end = monotonic() + 60
+    while not list(tmp_path.glob("cases/*.parquet")) and monotonic() < end:
+        sleep(0.1)
+    study.send_signal(signal.SIGINT)
+    study.wait(timeout=15)
+    kept = list(tmp_path.glob("cases/*.parquet"))
+    assert study.returncode != 0 and 1 <= len(kept) <= 8
+    assert all(pd.read_parquet(path) is not None for path in kept)
 
 
 def test_two_processes_find_what_one_finds(tmp_path: Path) -> None:

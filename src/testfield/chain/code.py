@@ -21,24 +21,27 @@ def package_version(name: str) -> str:
 
 
 @lru_cache
-def code_digest(*modules: str) -> str:
+def code_digest(*modules: str, without: tuple[str, ...] = ()) -> str:
     """Digest of the source of some modules, of all that they import of this package, and of package versions.
+
+    Packages named in `without` do not count, nor what only they import.
 
     A module of somebody else's package (an algorithm of one's own) counts with its own file. Files that lie beside a
     module and are not Python, like the report's template, count with it; pages for people do not.
     """
     state = hashlib.sha256(repr([sys.version_info[:2], [package_version(name) for name in PACKAGES]]).encode())
-    for path in sorted(sources(modules)):
+    for path in sorted(sources(modules, without)):
         state.update(path.name.encode() + path.read_bytes())
     return state.hexdigest()
 
 
-def sources(modules: tuple[str, ...]) -> set[Path]:
-    """The files behind some modules and behind everything of this package that they import."""
+def sources(modules: tuple[str, ...], without: tuple[str, ...] = ()) -> set[Path]:
+    """The files behind some modules and behind everything of this package that they import, but packages `without`."""
     found: set[Path] = set()
     queue = list(modules)
     while queue:
-        path = _file(queue.pop())
+        name = queue.pop()
+        path = None if name.startswith(without) else _file(name)
         if path is None or path in found:
             continue
         found.add(path)

@@ -8,6 +8,7 @@ from markupsafe import Markup
 from testfield.chain.files import whole
 from testfield.report.pages import page
 from testfield.report.style import figure, svg_of
+from testfield.study.run_cases import FAILURE
 from testfield.study.study import Findings, Plot, Study, Table
 
 
@@ -25,11 +26,17 @@ def write_page(
         drawings.append((plot, Markup(svg[svg.index(b"<svg") :].decode())))
     html = page(
         "study.html", study=study, findings=findings, drawings=drawings, failures=failures, quick=quick,
+        first_failed=_labels(failures[0]) if failures else "",
         so_far=so_far,
         tables=[(table, Markup(as_html(table))) for table in findings.tables],
     )  # fmt: skip
     with whole(folder / "report.html") as path:
         path.write_text(html)
+
+
+def _labels(row: dict[str, Any]) -> str:
+    """What names a case that failed."""
+    return ", ".join(f"{name} {value}" for name, value in row.items() if name != FAILURE and value == value)
 
 
 def drawn(plot: Plot) -> bytes:

@@ -13,14 +13,16 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from importlib import import_module
+from multiprocessing.synchronize import Event
 from pathlib import Path
 from time import sleep
 from typing import Any, Protocol
 
+import numpy as np
 import pandas as pd
 import tomli_w
 
-from testfield.chain.code import code_digest
+from testfield.chain.code import code_digest, package_version
 from testfield.chain.files import digest, whole
 from testfield.chain.progress import bar
 from testfield.chain.run import Run, begin
@@ -46,8 +48,8 @@ def run_cases(
 
     With `so_far` nothing is done any more: the rows are those of the cases that are finished.
 
-    A case that fails with a `TestfieldError` gives one row that says why under `failure`; it is tried again by the
-    next call. Any other error ends the study, with all finished cases kept.
+    A case that fails with a `TestfieldError`, or on a singular matrix, gives one row that says why under `failure`; it
+    is tried again by the next call. Any other error ends the study, with all finished cases kept.
     """
     if so_far:
         cases = finished(cases, folder)
@@ -57,7 +59,8 @@ def run_cases(
         raise TestfieldError(f"{repeated} case(s) occur twice", str(folder), "give each case labels of its own")
     todo: dict[str, list[int]] = {}
     for k, case in enumerate(cases):
-        if not _file(folder, keys[k]).is_file():
+        if _kept(folder, keys[k]) is None:
+            _file(folder, keys[k]).unlink(missing_ok=True)  # what is there cannot be read
             todo.setdefault(run_name(case) or f"case {k}", []).append(k)
     failed: dict[int, str] = {}
     total = sum(case.weight for case in cases)
@@ -70,7 +73,8 @@ def run_cases(
                 failed[k] = reason
     tables = []
     for k, case in enumerate(cases):
-        found = pd.DataFrame([{FAILURE: failed[k]}]) if k in failed else pd.read_parquet(_file(folder, keys[k]))
+        found = pd.DataFrame([{FAILURE: failed[k]}]) if k in failed else _kept(folder, keys[k])
+        assert found is not None
         own = {name: value for name, value in case.labels.items() if name not in found}
         tables.append(pd.concat([pd.DataFrame(own, index=found.index), found], axis=1))
     table = pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
@@ -81,13 +85,19 @@ def run_cases(
 
 def finished(cases: list[Case], folder: Path) -> list[Case]:
     """Those of the cases whose rows are kept in a folder."""
-    return [case for case in cases if _file(folder, case_key(case)).is_file()]
+    return [case for case in cases if _kept(folder, case_key(case)) is not None]
 
 
 def case_key(case: Case) -> str:
-    """Digest of all that a case's rows depend on; algorithms found by name at run time count, whichever it uses."""
-    code = code_digest(case.work.partition(":")[0], *own_modules())
-    return digest(case.labels, case.work, case.scene, case.options, code)
+    """Digest of all that a case's rows depend on.
+
+    Algorithms found by name at run time count, whichever the case uses, and so does what renders. Pages and
+    certificates do not: no row comes from them.
+    """
+    modules = (case.work.partition(":")[0], *own_modules())
+    code = code_digest(*modules, without=("testfield.report", "testfield.certify"))
+    outside = (os.environ.get("TESTFIELD_VARIANT", ""), package_version("pycolmap"))
+    return digest(case.labels, case.work, case.scene, case.options, code, outside)
 
 
 def run_name(case: Case) -> str | None:
@@ -115,6 +125,8 @@ def _try(case: Case, key: str, folder: Path) -> str | None:
         rows = do_case(case, folder)
     except TestfieldError as error:
         return error.sentence()
+    except np.linalg.LinAlgError as error:
+        return f"linear algebra gave up: {error}"
     with whole(_file(folder, key)) as path:
         pd.DataFrame(rows).to_parquet(path, index=False)
     return None
@@ -125,7 +137,7 @@ def _group(cases: list[Case], keys: list[str], folder: Path) -> dict[str, str | 
     reasons: dict[str, str | None] = {}
     parent = multiprocessing.parent_process()
     for case, key in zip(cases, keys, strict=True):
-        if parent is not None and not parent.is_alive():
+        if (parent is not None and not parent.is_alive()) or (_end is not None and _end.is_set()):
             sys.exit()  # nobody waits for the rest
         reasons[key] = _try(case, key, folder)
     return reasons
@@ -160,14 +172,16 @@ def _done(
 
 @contextmanager
 def local_pool(jobs: int) -> Iterator[Pool]:
-    """Processes on this machine, one thread each; an interrupt is the parent's to handle."""
+    """Processes on this machine, one thread each; an interrupt is the parent's to handle: they finish their cases."""
     context = multiprocessing.get_context("spawn")  # the renderer's threads do not survive a fork
     before = {name: os.environ.get(name) for name in THREADS}
     os.environ.update({name: "1" for name in THREADS if name not in os.environ})
-    pool: Executor = ProcessPoolExecutor(jobs, context, initializer=_start)
+    end = context.Event()
+    pool: Executor = ProcessPoolExecutor(jobs, context, initializer=_start, initargs=(end,))
     try:
         yield pool
     except BaseException:
+        end.set()
         pool.shutdown(wait=False, cancel_futures=True)
         raise
     finally:
@@ -181,9 +195,24 @@ LOOK_S = 0.3
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
 
-def _start() -> None:
+_end: Event | None = None
+"""In a process of the pool: set when it is to stop after the case at hand."""
+
+
+def _start(end: Event) -> None:
+    global _end
+    _end = end
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.environ["TQDM_DISABLE"] = "1"
+
+
+def _kept(folder: Path, key: str) -> pd.DataFrame | None:
+    """The rows that are kept of a case, or None where there are none that can be read."""
+    path = _file(folder, key)
+    try:
+        return pd.read_parquet(path) if path.is_file() else None
+    except (OSError, ValueError):
+        return None
 
 
 def _file(folder: Path, key: str) -> Path:
