@@ -18,6 +18,7 @@ from testfield.detect.opencv_boards import detect_board
 from testfield.detect.photograph import detect_in_photograph
 from testfield.detect.target_spec import parse_target
 from testfield.errors import TestfieldError
+from testfield.seeds import generator
 from testfield.targets.field import Field, NominalBoard
 from testfield.targets.marks import RADII, Marks, RingRadii
 from testfield.targets.ring_code import code_words, word_of_number
@@ -184,6 +185,23 @@ def test_boards_people_own_are_found(kind: str, points: int) -> None:
 def test_an_unknown_dictionary_is_named() -> None:
     with pytest.raises(TestfieldError, match="DICT_9X9"):
         detect_board(np.zeros((50, 50), np.float32), parse_target("aruco:DICT_9X9"))
+
+
+def test_a_kind_of_target_that_lacks_its_sizes_is_told_which_and_families_have_two_names() -> None:
+    with pytest.raises(TestfieldError, match=r"all that is needed.*like charuco:7x5:DICT_4X4_50:30:22$"):
+        parse_target("charuco:7x5")
+    families = {parse_target(f"apriltag:{name}").dictionary for name in ("36h11", "tag36h11", "DICT_APRILTAG_36h11")}
+    assert families == {"36h11"}
+
+
+def test_a_photograph_of_nothing_says_so_and_one_of_targets_how_well_the_model_fits() -> None:
+    empty = photograph_of("empty", np.full((80, 80), 30, np.uint8))
+    assert "0 measured; nothing there looks like one" in detect_in_photograph(empty, parse_target("ring14")).summary
+    picture = np.full((80, 80), 30.0)
+    cv2.circle(picture, (40, 40), 12, 200.0, -1)
+    picture = cv2.GaussianBlur(picture, (0, 0), 1.0) + generator(0, "a dot").normal(0, 2, picture.shape)
+    dot = photograph_of("dot", picture.round().astype(np.uint8))
+    assert "1 measured; median chi-squared of the model" in detect_in_photograph(dot, parse_target("circles")).summary
 
 
 def test_a_scene_may_have_wide_rings(tmp_path: Path) -> None:

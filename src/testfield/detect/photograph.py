@@ -44,6 +44,11 @@ class Found:
             columns, rows = self.place.max(axis=0) + 1
             parts.append(f"grid of {columns} x {rows}, {int((self.place[:, 0] >= 0).sum())} places filled")
         refused = Counter(o.status[o.status != MEASURED].tolist())
+        misfit = o.chi2[(o.status == MEASURED) & np.isfinite(o.chi2)]
+        if len(misfit):
+            parts.append(f"median chi-squared of the model {np.median(misfit):.2f}")
+        if not len(o.status):
+            parts.append("nothing there looks like one")
         return "; ".join(parts + [f"{count} {why}" for why, count in refused.most_common(4)])
 
 

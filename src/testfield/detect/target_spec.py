@@ -50,9 +50,14 @@ def parse_target(text: str, where: str = "--target") -> TargetSpec:
                 raise _wrong(text, where, "a marker is smaller than its square, and both have a size")
             return TargetSpec(kind, 0, *_size(rest[0]), rest[1], square, marker)
         if kind in ("aruco", "apriltag") and len(rest) == 1 and rest[0]:
-            return TargetSpec(kind, dictionary=rest[0])
+            # A scene names the family as OpenCV does, others as its makers do: both are understood.
+            family = re.sub(r"(?i)^(dict_april)?tag_?", "", rest[0]) if kind == "apriltag" else rest[0]
+            return TargetSpec(kind, dictionary=family)
     except ValueError as error:
         raise _wrong(text, where, str(error)) from error
+    like = [name for name in KINDS if name.split(":")[0] == kind]
+    if like:
+        raise TestfieldError(f"'{text}' does not say all that is needed", where, f"give it like {like[0]}")
     raise _wrong(text, where, "no such kind of target")
 
 
