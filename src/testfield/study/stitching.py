@@ -1,12 +1,9 @@
-"""The study on the flexible stitched board: its cases, and how one of them is measured.
+"""The study on the flexible stitched board: how one of its cases is measured.
 
-Two kinds of evidence stand side by side. *Rendered*: images with real noise, detected and measured. *Drawn*: pixels
-drawn from the truth at the physical bound, no images, so that hundreds of worlds cost little; what detection does wrong
-is missing there. In both, every world draws print errors, the boards' common scale and the control bar anew.
+A case that is rendered and one that is drawn go the same way from the observations on.
 """
 
 from collections.abc import Callable
-from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -25,134 +22,20 @@ from testfield.scene.load import parse_scene
 from testfield.scene.schema import SceneFile
 from testfield.scene.truth import see
 from testfield.scene.world import World
-from testfield.score.align import rigid_fit
-from testfield.score.camera import score_boards, score_camera, true_in_datum
+from testfield.score.camera import score_boards, score_camera
 from testfield.score.points import score_points
 from testfield.seeds import generator
 from testfield.study import stitching_scenes as scenes
 from testfield.study.cases import Case
 from testfield.study.chain_growth import chain_errors
+from testfield.study.mother_board import fitted_rms_mm, mother_marks, mother_scores
 
-HERE = "testfield.study.stitching"
 CELLS = (8, 6)
 """Parts of the image, across and down, in which coverage is counted."""
-WINDOWS = (0.35, 0.5, 0.65, 0.8, 1.0)
-"""Middle parts of the image, by side, to which observations are confined."""
-CHAIN, LONG_CHAIN, PER_CASE = 8, 16, 10
-PRINT_MM = 0.01
-"""Print errors of the boards; a chain's are drawn without them too, for the growth law knows none."""
+NO_BAR = "stitched_no_bar"
+"""`stitched` where no bar was seen, as OpenCV, which has no use for one, calibrates."""
 MADE: dict[str, Callable[..., scenes.Table]] = {"field": scenes.field, "full": scenes.full, "close": scenes.close}
 Row = dict[str, Any]
-
-
-# ------------------------------------------------------------------------------------------------- cases
-
-
-def cases(quick: bool) -> list[Case]:
-    """All cases; the quick setting has fewer counts, placements and worlds."""
-    return [*_counts(quick), *_opponents(quick), *_faults(quick), *_chains(quick)]
-
-
-def _counts(quick: bool) -> list[Case]:
-    """How many boards, how placed, and how much of the image they cover."""
-    found = []
-    plan = {"planned": (1, 3, 12), "random": (3,)} if quick else {
-        "planned": (1, 2, 3, 4, 6, 9, 12), "flat": (3, 6, 12), "random": (3, 6, 12)}  # fmt: skip
-    rendered = [("planned", 3), ("planned", 12)] if quick else [
-        *(("planned", n) for n in (1, 3, 6, 12)), *product(("flat", "random"), (3, 12))]  # fmt: skip
-    for placement, counts in plan.items():
-        for count in counts:
-            labels = {"experiment": "count", "target": placement, "boards": count, "level": 0.0}
-            methods = ["stitched", "stitched_given" if count > 1 else "zhang"]
-            for seed in range(1, 2 if quick else 3) if (placement, count) in rendered else ():
-                options = {"methods": sorted({*methods, "zhang"}), "windows": _windows(placement, count)}
-                found.append(_rendered(labels, seed, scenes.field(placement, count, seed), options))
-            found += _drawn(labels, 10 if quick else 20, methods, ("field", placement, count))
-    labels = {"experiment": "coverage", "target": "planned", "boards": 12, "level": 0.0}
-    return found + _drawn(labels, 5 if quick else 10, [], ("field", "planned", 12), windows=_windows("planned", 12))
-
-
-def _windows(placement: str, count: int) -> tuple[float, ...]:
-    return WINDOWS if (placement, count) == ("planned", 12) else ()
-
-
-def _opponents(quick: bool) -> list[Case]:
-    """An ideal full-size board, ChArUco of the same area, and one small board close by."""
-    found = []
-    worlds, drawn = range(1, 2 if quick else 3), 10 if quick else 20
-    for count in (3, 12) if quick else (3, 6, 12):
-        labels = {"experiment": "count", "target": "full-size", "boards": count, "level": 0.0}
-        found += _drawn(labels, drawn, ["stitched"], ("full", count))
-        for seed in worlds if count == 3 or not quick else ():
-            found.append(_rendered(labels, seed, scenes.full(count, seed), {"methods": ["stitched"]}))
-            table, methods = scenes.charuco(count, seed), ["opencv", "stitched"]
-            found.append(_rendered(labels | {"target": "charuco"}, seed, table, {"methods": methods}))
-    for board, method in (("sub-board", "zhang"), ("charuco", "opencv"))[: 1 if quick else 2]:
-        labels = {"experiment": "count", "target": f"{board}, close", "boards": 1, "level": 0.0}
-        found += [_rendered(labels, seed, scenes.close(board, seed), {"methods": [method]}) for seed in worlds]
-        found += _drawn(labels, drawn, [method], ("close", board)) if board == "sub-board" else []
-    return found
-
-
-def _faults(quick: bool) -> list[Case]:
-    """Bent boards and boards with scale errors of their own; six planned boards."""
-    found = []
-    bows, scales = ((1.0,), (200.0,)) if quick else ((0.1, 0.3, 1.0, 3.0), (50.0, 200.0, 800.0))
-    for fault, levels in (("bent", bows), ("scale", scales)):
-        for level in levels:
-            labels = {"experiment": fault, "target": "planned", "boards": 6, "level": level}
-            value = {"bow_mm" if fault == "bent" else "scale_ppm": level}
-            for seed in range(1, 3) if level in (1.0, 200.0) and not quick else ():
-                table = scenes.field("planned", 6, seed, **value)
-                found.append(_rendered(labels, seed, table, {"methods": ["stitched"]}))
-            found += _drawn(labels, 5 if quick else 20, ["stitched"], ("field", "planned", 6), value)
-    for level in bows:
-        # Of a sheet as stiff as the small one, bent with the same curvature, the bow grows with the square of its size.
-        bow = level * (scenes.BOW_SIZE_MM / scenes.SIZE_MM[0]) ** 2
-        labels = {"experiment": "bent", "target": "full-size", "boards": 6, "level": level}
-        found += _drawn(labels, 5 if quick else 20, ["stitched"], ("full", 6), {"bow_mm": bow})
-    return found
-
-
-def _chains(quick: bool) -> list[Case]:
-    """Rows of boards, without and with wide views."""
-    found = []
-    for seed in range(1, 2 if quick else 5):
-        labels = {"experiment": "chain", "target": "chain", "boards": CHAIN, "level": PRINT_MM}
-        table = scenes.chain(CHAIN, 4, seed)
-        found.append(_rendered(labels, seed, table, {"wide": (0, 1, 2, 4)}, "measure_chain", 1.8))
-    plan = [(CHAIN, 10)] if quick else [(CHAIN, 100), (LONG_CHAIN, 40)]
-    for (count, worlds), sigma in product(plan, (PRINT_MM, 0.0)):
-        wide = (0, 1, 2, 4) if count == CHAIN else (0, 1, 4)
-        for first in range(0, worlds, PER_CASE):
-            labels = {"experiment": "chain", "target": "chain", "boards": count, "level": sigma}
-            options = {"seeds": list(range(1001 + first, 1001 + min(first + PER_CASE, worlds))), "wide": wide}
-            found.append(_case(labels, "draw_chain", options, 0.015 * count * len(options["seeds"])))
-    return found
-
-
-def _rendered(
-    labels: Row, seed: int, table: scenes.Table, options: Row, work: str = "measure_field", weight: float = 1.0
-) -> Case:
-    return Case(labels | {"evidence": "rendered", "world": seed}, f"{HERE}:{work}", table, options, weight)
-
-
-def _drawn(
-    labels: Row, worlds: int, methods: list[str], scene: tuple, values: Row | None = None,
-    windows: tuple[float, ...] = (),
-) -> list[Case]:  # fmt: skip
-    found = []
-    for first in range(0, worlds, PER_CASE):
-        seeds = list(range(1001 + first, 1001 + min(first + PER_CASE, worlds)))
-        options = {"scene": scene, "values": values or {}, "methods": methods, "seeds": seeds, "windows": windows}
-        work = 0.005 * labels["boards"] * len(seeds) * (len(methods) + 2 * len(windows))
-        found.append(_case(labels, "draw_field", options, work))
-    return found
-
-
-def _case(labels: Row, work: str, options: Row, weight: float) -> Case:
-    name = {"evidence": "drawn", "first_world": options["seeds"][0]}
-    return Case(labels | name, f"{HERE}:{work}", None, options, weight)
 
 
 # ------------------------------------------------------------------------------------------------- work
@@ -228,6 +111,12 @@ def _as_many(observations: Observations, other: Observations, seed: int) -> Obse
     return observations.take(chosen)
 
 
+def without_bars(observations: Observations, world: World) -> Observations:
+    """The observations without those of the scale bars' ends."""
+    ends = [code for bar in world.field.scale_bars for code in bar.codes]
+    return observations.take(~((observations.board < 0) & np.isin(observations.code, ends)))
+
+
 def chained(observations: Observations, world: World, wide: int) -> Observations:
     """A chain's observations: of a close view only the two boards it is aimed at, and so many wide views."""
     keep = np.ones(len(observations), bool)
@@ -249,6 +138,8 @@ def _calibrated(scene: SceneFile, world: World, observations: Observations, meth
     # One sub-board alone: the one in the middle, for of a board in a corner the rest of the image is a guess.
     away = np.linalg.norm(world.world_from_board.t_mm - scenes.MIDDLE_MM, axis=1)
     which = {"board": world.field.boards[int(away.argmin())].name} if method == "zhang" else {}
+    if method == NO_BAR:
+        observations, method = without_bars(observations, world), "stitched"
     return find("calibrators", method)(
         observations, world.field, camera.width_px, camera.height_px, camera.lens, (), **which
     )
@@ -267,9 +158,8 @@ def _judged(scene: SceneFile, world: World, observations: Observations, method: 
         "corner_px": float(corners.max()), "corner_rms_px": float(np.sqrt((corners**2).mean())),
         "interior_nees": camera["interior_anees"], "sigma0": calibration.sigma0, "test_passed": _passed(calibration),
         "observations": calibration.used, "rejected": len(calibration.rejected),
-        "coverage": coverage(calibration), "joined": boards["joined"],
-        "mother_rms_mm": mother_rms_mm(world, calibration), "boards_nees": boards["anees"],
-    }  # fmt: skip
+        "coverage": coverage(calibration), "joined": boards["joined"], "boards_nees": boards["anees"],
+    } | mother_scores(world, calibration)  # fmt: skip
     if not scene.check_targets:
         return row
     try:
@@ -296,32 +186,19 @@ def coverage(calibration: Calibration) -> float:
     return len(np.unique(cell, axis=0)) / (CELLS[0] * CELLS[1])
 
 
-def mother_rms_mm(world: World, calibration: Calibration) -> float:
-    """The mother board as a user has it (the sheets' marks, at the calibrated scale and poses) against its true marks,
-    each coordinate's root mean square after a fit of six parameters."""
-    datum, _ = true_in_datum(world, calibration.board_names)
-    place = {sheet.name: k for k, sheet in enumerate(world.field.boards)}
-    measured, true = [], []
-    for b, name in enumerate(calibration.board_names):
-        here = world.marks.board == place[name]
-        xy = world.field.boards[place[name]].marks.xy_mm[world.marks.point[here]] * calibration.scale
-        local = np.column_stack([xy, np.zeros(len(xy))])
-        measured.append(local @ calibration.boards.R[b].T + calibration.boards.t_mm[b])
-        true.append((world.mark_world_mm[here] - datum.t_mm[0]) @ datum.R[0])
-    found, right = np.vstack(measured), np.vstack(true)
-    R, t = rigid_fit(found, right)
-    return float(np.sqrt(((found @ R.T + t - right) ** 2).mean()))
-
-
 def _links(scene: SceneFile, world: World, observations: Observations, wide: int) -> list[Row]:
-    """Of every board but the first, and of the link that leads to it, the errors."""
-    calibration = _calibrated(scene, world, chained(observations, world, wide), "stitched")
+    """Of every board but the first, and of the link that leads to it, the errors. Where it fails, why."""
+    empty: Row = {"method": "stitched", "failed": "", "wide": wide, "world": scene.seed}
+    try:
+        calibration = _calibrated(scene, world, chained(observations, world, wide), "stitched")
+    except TestfieldError as error:
+        return [empty | {"failed": error.what}]
     if len(calibration.board_names) < len(world.field.boards):
-        raise TestfieldError("the chain is broken", calibration.notes[0] if calibration.notes else "", "look at it")
+        return [empty | {"failed": "the chain is broken"}]
     found, camera = chain_errors(world, calibration), score_camera(world, calibration)
-    common = {
-        "method": "stitched", "wide": wide, "sigma0": calibration.sigma0, "corner_px": camera["corner_error_px"],
-        "mother_rms_mm": mother_rms_mm(world, calibration), "world": scene.seed,
+    common = empty | {
+        "sigma0": calibration.sigma0, "corner_px": camera["corner_error_px"],
+        "mother_rms_mm": fitted_rms_mm(*mother_marks(world, calibration)),
     }  # fmt: skip
     return [
         common | {

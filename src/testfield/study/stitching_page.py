@@ -3,8 +3,8 @@
 import numpy as np
 import pandas as pd
 
-from testfield.study.stitching import CHAIN, LONG_CHAIN, cases
 from testfield.study.stitching_figures import draw_chain, draw_counts, draw_coverage, draw_faults
+from testfield.study.stitching_plan import CHAIN, LONG_CHAIN, cases
 from testfield.study.stitching_scenes import PITCH_MM
 from testfield.study.stitching_summary import counts_of, cuts_of, faults_of, figures_of, links_of, named
 from testfield.study.stitching_words import sentences, verdict

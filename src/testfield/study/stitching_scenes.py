@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from testfield.scene.bend import extent_mm
 from testfield.seeds import generator
 
 WIDTH_MM, HEIGHT_MM, MIDDLE_MM = 2000.0, 1300.0, (0.0, 150.0, 850.0)
@@ -22,7 +23,8 @@ TILT_DEG, DEPTH_MM = 28.0, 120.0
 PITCH_MM = 440.0
 WINDOW = 8
 """Boards of a chain that a wide view sees."""
-BOW_SIZE_MM = 2000.0
+BOW_OVER_MM = 400.0
+"""Length over which a bow is stated."""
 
 Table = dict[str, Any]
 
@@ -74,14 +76,14 @@ PLACEMENTS = {"planned": planned, "flat": flat, "random": random}
 
 
 def field(placement: str, count: int, seed: int, bow_mm: float = 0.0, scale_ppm: float = 0.0) -> Table:
-    """A field of sub-boards. `bow_mm` bends each, its sign and axis drawn; `scale_ppm` is the standard deviation of
-    their own scale errors."""
+    """A field of sub-boards. `bow_mm` over 400 mm bends each, its sign and axis drawn; `scale_ppm` is the standard
+    deviation of their own scale errors."""
     boards = PLACEMENTS[placement](count, seed)
     rng = generator(seed, f"stitching/manufacture/{count}")
     sign, axis, ppm = rng.choice([-1.0, 1.0], count), rng.uniform(0, 180, count), rng.standard_normal(count)
     for k, board in enumerate(boards):
         if bow_mm:
-            board |= {"bow_mm": float(sign[k] * bow_mm), "bow_axis_deg": float(axis[k])}
+            board |= bent(SIZE_MM, float(sign[k] * bow_mm), float(axis[k]))
         if scale_ppm:
             board["scale_error_ppm"] = float(ppm[k] * scale_ppm)
     # Exact poses on the sheet, for the calibrator that is told them: what stitching costs is the difference to it.
@@ -89,7 +91,8 @@ def field(placement: str, count: int, seed: int, bow_mm: float = 0.0, scale_ppm:
 
 
 def full(count: int, seed: int, bow_mm: float = 0.0) -> Table:
-    """One board of the field's size with as many marks as `count` sub-boards, printed without error."""
+    """One board of the field's size with as many marks as `count` sub-boards, printed without error; `bow_mm` over
+    400 mm bends it."""
     (columns, rows), (across, down) = FULL[count]
     pitch = min(1520 / (across - 1), 1160 / (down - 1))
     board = {
@@ -104,8 +107,15 @@ def full(count: int, seed: int, bow_mm: float = 0.0) -> Table:
         zone = board["recognition_zone"]
         zone["pitch_mm"] = min(zone["pitch_mm"], 150.0)  # type: ignore[index]
     if bow_mm:
-        board |= {"bow_mm": bow_mm, "bow_axis_deg": 90.0}
+        board |= bent((WIDTH_MM, HEIGHT_MM), bow_mm, 90.0)
     return _scene(f"stitching-full-{count}", seed, [board])
+
+
+def bent(size_mm: tuple[float, float], bow_mm: float, axis_deg: float) -> Table:
+    """A board's bow and its axis, where a strip of 400 mm would have `bow_mm`: of one curvature, the bow grows with the
+    square of the length across the axis."""
+    across = extent_mm(size_mm, np.radians(axis_deg))
+    return {"bow_mm": bow_mm * (across / BOW_OVER_MM) ** 2, "bow_axis_deg": axis_deg}
 
 
 def charuco(count: int, seed: int) -> Table:

@@ -7,7 +7,7 @@ import pandas as pd
 from scipy.stats import binom, chi2
 
 from testfield.study.chain_growth import grown, link_of_marks
-from testfield.study.stitching import CHAIN, LONG_CHAIN, PRINT_MM
+from testfield.study.stitching_plan import CHAIN, LONG_CHAIN, PRINT_MM
 from testfield.study.stitching_scenes import PITCH_MM, sub_board_marks_mm
 
 GOOD_PX = 0.02

@@ -3,7 +3,7 @@
 import re
 from typing import Any
 
-from testfield.study.stitching import CHAIN, LONG_CHAIN, PRINT_MM
+from testfield.study.stitching_plan import CHAIN, LONG_CHAIN, PRINT_MM
 from testfield.study.stitching_scenes import PITCH_MM
 from testfield.study.stitching_summary import GOOD_PX
 
