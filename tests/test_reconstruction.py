@@ -11,9 +11,11 @@ from testfield.camera.interior import Interior
 from testfield.camera.pose import Poses, rotation
 from testfield.camera.project import project, project_with_jacobian
 from testfield.detect.observations import MEASURED, Observations
+from testfield.errors import TestfieldError
 from testfield.reconstruct.estimate import Method
 from testfield.registry import find
 from testfield.scene.frames import camera_looking
+from testfield.seeds import generator
 from testfield.targets.field import Field
 
 HAS_COLMAP = importlib.util.find_spec("pycolmap") is not None
@@ -237,3 +239,12 @@ def test_derivatives_by_the_calibration_are_those_of_the_projection() -> None:
         assert np.allclose(rays.by_calibration[:, s, :, :9], jacobian.interior)
         assert np.allclose(rays.by_calibration[:, s, :, 9 + 6 * s : 12 + 6 * s], jacobian.rotation)
         assert np.allclose(rays.by_calibration[:, s, :, 12 + 6 * s : 15 + 6 * s], jacobian.camera_point)
+
+
+@pytest.mark.parametrize("method", ["gls", "parametric_wls", "bundle"])
+def test_a_worthless_calibration_is_named_and_not_a_singular_matrix(method: str) -> None:
+    stations = around(np.full(4, 3000.0), generator(5, "worthless"))
+    rows, field = seen(PINHOLE, stations, np.zeros((1, 3)), 0.1)
+    worthless = calibration_of(PINHOLE, stations, -1e6 * np.eye(33))  # lost to rounding
+    with pytest.raises(TestfieldError, match=r"reconstructor (gls|parametric_wls)"):
+        find("reconstructors", method)(rows, worthless, field)

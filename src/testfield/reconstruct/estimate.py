@@ -13,6 +13,7 @@ import numpy as np
 from testfield.calibrate.calibration import Calibration
 from testfield.camera.rays import meet_all
 from testfield.detect.observations import Observations
+from testfield.errors import TestfieldError
 from testfield.reconstruct.points import Points
 from testfield.reconstruct.sights import Rays, Sights, rays_of, sights_of
 from testfield.targets.field import Field
@@ -106,7 +107,20 @@ def estimate_of(solved: Solved, sights: Sights, calibration: Calibration) -> Est
 
 
 def settle(sights: Sights, calibration: Calibration, method: Method) -> Solved:
-    """Points of all sights of which two rays agree or more, the others left out."""
+    """Points of all sights of which two rays agree or more, the others left out.
+
+    Raises `TestfieldError` where the calibration is so poor that rays or their covariances are of no use.
+    """
+    try:
+        return _settle(sights, calibration, method)
+    except np.linalg.LinAlgError as error:
+        raise TestfieldError(
+            f"points cannot be met: the calibration gives no usable rays ({error})", f"reconstructor {method.name}",
+            "look at the calibration's residuals and uncertainty; more views or more boards make it better",
+        ) from error  # fmt: skip
+
+
+def _settle(sights: Sights, calibration: Calibration, method: Method) -> Solved:
     started = sights.rays
     while True:
         solved = solve(sights, calibration, method)

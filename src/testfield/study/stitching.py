@@ -164,7 +164,7 @@ def _judged(scene: SceneFile, world: World, observations: Observations, method: 
         return row
     try:
         points = find("reconstructors", scene.measure.reconstructor)(observations, calibration, world.field)
-    except np.linalg.LinAlgError:  # rays that pass a wild lens twice have no covariance
+    except TestfieldError:  # rays that pass a wild lens twice have no covariance
         return row
     score = score_points(world, calibration, points)
     n = len(score.code)
