@@ -49,7 +49,8 @@ def by_opponent(
                     moved[ray, axis] += sign * STEP
                     ends.append(triangulate(moved, cameras))
                 gain[point, :, column, axis] = (ends[0] - ends[1]) / (2 * STEP)
-    rays = rays_of(sights, calibration, xyz)
+    # Where an opponent gives no point there is none, nor a covariance; the others' are as they would be without it.
+    rays = rays_of(sights, calibration, np.where(np.isfinite(xyz).all(axis=1, keepdims=True), xyz, near.xyz_mm))
     gain = np.einsum(
         "nikl,nklm->nikm", gain, rays.to_line / np.where(rays.depth_mm == 0, 1, rays.depth_mm)[..., None, None]
     )

@@ -23,7 +23,7 @@ from testfield.detect.observations import Observations
 from testfield.errors import TestfieldError
 from testfield.reconstruct.bundle import bundle
 from testfield.reconstruct.dlt import dlt, dlt_p34
-from testfield.reconstruct.estimate import Method, pixel_covariance, sandwich, settle
+from testfield.reconstruct.estimate import Method, Solved, pixel_covariance, sandwich, settle
 from testfield.reconstruct.gls import gls
 from testfield.reconstruct.midpoint import midpoint
 from testfield.reconstruct.ml import REPROJECTION, ml
@@ -51,8 +51,11 @@ WORKSHOP = {"print_mm": 0.02, "scale_ppm": 20.0, "bar_mm": 0.005}
 NUMBERS = (2, 3, 4, 6, 8, 12, 16)
 MOST_OF_THEM = 0.75
 """Of so many of the cameras a target must have been measured to be compared."""
-EXPOSURES = 24
-"""Times 44 check targets: 1,056 points in a cell, 2,112 where two sets of cameras make one."""
+EXPOSURES = 26
+"""Times 42 check targets: 1,092 points in a cell, twice as many where two sets of cameras make one; with three targets
+lost in every exposure there are still more than 1,000."""
+KEPT_ERRORS = ("parametric_wls", "gls")
+"""Methods of which each point's error is kept, to tell what comes again in every exposure from what scatters."""
 QUICK_NUMBERS, QUICK_EXPOSURES = (2, 4, 8), 3
 P = 0.95
 
@@ -136,27 +139,52 @@ def observations_of(observations: Observations, stations: tuple[str, ...]) -> Ob
 def compared(
     seen: Observations, calibration: Calibration, sheet: Field, world: World, n: int, methods: list[str]
 ) -> list[dict[str, Any]]:
-    """A row each method, over those check targets that all methods have from most of the n cameras."""
-    found = {method: METHODS[method](seen, calibration, sheet) for method in methods}
-    narrow = narrower_claims(seen, calibration, sheet)
+    """A row each method, over those check targets that all methods have from most of the n cameras; a method that
+    fails, or gives no three of them, has a row that says why, and the others are compared without it."""
     here = np.flatnonzero(world.marks.role == CHECK)
-    everywhere = set(world.marks.code[here].tolist())
-    for points in found.values():
-        everywhere &= set(points.code[points.rays >= MOST_OF_THEM * n].tolist())
-    codes = sorted(everywhere)
+    checks = set(world.marks.code[here].tolist())
+    found: dict[str, Points] = {}
+    lost: dict[str, str] = {}
+    for method in methods:
+        try:
+            points = METHODS[method](seen, calibration, sheet)
+        except TestfieldError as error:
+            lost[method] = error.sentence()
+            continue
+        if len(checks & measured(points, n)) < 3:
+            lost[method] = FEWER
+        else:
+            found[method] = points
+    codes = sorted(checks.intersection(*(measured(points, n) for points in found.values()))) if found else []
     if len(codes) < 3:
-        return [{"method": method, "points": 0, "why": "fewer than three points were measured"} for method in methods]
-    datum, _ = true_in_datum(world, calibration.board_names)
-    place = {int(world.marks.code[k]): k for k in here}
-    true = (world.mark_world_mm[[place[code] for code in codes]] - datum.t_mm[0]) @ datum.R[0]
-    common = _of_the_cameras(seen, calibration, sheet, codes, true)
-    return [
-        {"method": method}
-        | scored(points, codes, true, calibration.method != "exact", narrow.get(method))
-        | (_across(points, codes, true, common["normal"]) if n == 2 else {})
-        | {"law_ranges": common["law_ranges"], "law_noise": common["law_noise"]}
-        for method, points in found.items()
-    ]
+        lost |= dict.fromkeys(found, FEWER)
+        found = {}
+    answer = {method: {"method": method, "points": 0, "why": why} for method, why in lost.items()}
+    if found:
+        datum, _ = true_in_datum(world, calibration.board_names)
+        place = {int(world.marks.code[k]): k for k in here}
+        true = (world.mark_world_mm[[place[code] for code in codes]] - datum.t_mm[0]) @ datum.R[0]
+        common = _of_the_cameras(seen, calibration, sheet, codes, true)
+        normal = common.pop("normal")
+        narrow = narrower_claims(seen, calibration, sheet, set(found))
+        answer |= {
+            method: {"method": method}
+            | scored(points, codes, true, calibration.method != "exact", narrow.get(method))
+            | (_across(points, codes, true, normal) if n == 2 else {})
+            | common
+            for method, points in found.items()
+        }
+    return [answer[method] for method in methods]
+
+
+FEWER = "fewer than three points were measured"
+
+
+def measured(points: Points, n: int) -> set[int]:
+    """Codes that a method has from most of n cameras, with a finite place and a finite covariance."""
+    finite = np.isfinite(points.xyz_mm).all(axis=1)
+    finite &= np.isfinite(np.diag(points.cov_xyz_mm2)).reshape(-1, 3).all(axis=1)
+    return {int(code) for code in points.code[finite & (points.rays >= MOST_OF_THEM * n)]}
 
 
 def scored(
@@ -166,13 +194,29 @@ def scored(
 
     `square_mm2` sums the squared errors of all coordinates and `claimed_mm2` what the sandwich predicts of it: in the
     frame of the first board, or after a rigid fit of six parameters (`fit`), for the frame's own error is every
-    method's. `frame_mm2` is the former in any case. `nees` is that of all points together per degree of freedom;
-    `nees_points` the mean over points taken one by one, `hits` how many lie in their 95 % region, and `nees_narrow` the
-    same as `nees_points` under the narrower claim (codes, (n, 3, 3)) where there is one.
+    method's; `nees` is that of all points together per degree of freedom, `nees_points` the mean over points taken one
+    by one, and `hits` how many lie in their 95 % region.
+
+    In the frame of the first board in any case, as METHODS section 1.6 has it: `frame_mm2` and `claimed_frame_mm2`,
+    `nees_points_frame` under the sandwich, and `nees_narrow` and `narrow_mm2` under the narrower claim (codes,
+    (n, 3, 3)) where there is one. That claim is of single points: it says nothing of what points share, so what a fit
+    leaves of it cannot be told.
+
+    Of methods in `KEPT_ERRORS` also `error_mm`, the errors that make `square_mm2`, point after point, and `codes`.
     """
     rows = points.rows(codes)
     error, covariance = points.xyz_mm[rows] - true_mm, points.covariance_of(rows)
-    frame = float((error**2).sum())
+    in_frame = _squared(error, _blocks(covariance))
+    answer: dict[str, Any] = {
+        "points": len(codes), "rejected": int(points.rejected.sum()),
+        "frame_mm2": float((error**2).sum()), "claimed_frame_mm2": float(np.trace(covariance)),
+        "nees_points_frame": float(in_frame.mean() / 3),
+    }  # fmt: skip
+    if narrow_mm2 is not None:
+        own = dict(zip(narrow_mm2[0].tolist(), narrow_mm2[1], strict=True))
+        blocks = np.array([own[code] for code in codes])
+        answer["nees_narrow"] = float(_squared(error, blocks).mean() / 3)
+        answer["narrow_mm2"] = float(np.trace(blocks, axis1=1, axis2=2).sum())
     freedom = error.size
     if fit:
         R, t = rigid_fit(points.xyz_mm[rows], true_mm)
@@ -180,44 +224,50 @@ def scored(
         freedom -= 6
     whole = np.linalg.pinv(covariance, rcond=1e-10, hermitian=True)
     single = _squared(error, _blocks(covariance))
-    answer = {
-        "points": len(codes), "square_mm2": float((error**2).sum()), "claimed_mm2": float(np.trace(covariance)),
-        "frame_mm2": frame, "nees": float(error.ravel() @ whole @ error.ravel() / freedom),
+    answer |= {
+        "square_mm2": float((error**2).sum()), "claimed_mm2": float(np.trace(covariance)),
+        "nees": float(error.ravel() @ whole @ error.ravel() / freedom),
         "nees_points": float(single.mean() / 3), "hits": int((single <= chi2.ppf(P, 3)).sum()),
-        "rejected": int(points.rejected.sum()),
     }  # fmt: skip
-    if narrow_mm2 is not None:
-        own = dict(zip(narrow_mm2[0].tolist(), narrow_mm2[1], strict=True))
-        joint = np.zeros((len(codes), 3, len(codes), 3))
-        joint[np.arange(len(codes)), :, np.arange(len(codes))] = [own[code] for code in codes]
-        flat = joint.reshape(3 * len(codes), -1)
-        flat = aligned_covariance(flat, true_mm) if fit else flat
-        answer["nees_narrow"] = float(_squared(error, _blocks(flat)).mean() / 3)
-        answer["narrow_mm2"] = float(np.trace(flat))
+    if points.method in KEPT_ERRORS:
+        answer |= {"error_mm": error.ravel().astype(np.float32), "codes": np.array(codes, np.int16)}
     return answer
 
 
-def narrower_claims(seen: Observations, calibration: Calibration, sheet: Field) -> dict[str, tuple]:
-    """By method, codes and (n, 3, 3) covariances that claim less than the sandwich (METHODS section 1.6).
+def narrower_claims(
+    seen: Observations, calibration: Calibration, sheet: Field, methods: set[str]
+) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """By method, codes and (n, 3, 3) covariances in the calibration's frame that know less than the sandwich (METHODS
+    section 1.6), of those that are among `methods`.
 
     `ml` by its pixels alone, as if the calibration were exact; `parametric_wls` by its own normal matrix, the inverse
     of sum D^T R^-1 D, as if no two cameras shared an error.
     """
     sights = sights_of(seen, calibration, sheet)
-    pixels = settle(sights, calibration, REPROJECTION)
-    blocks = settle(sights, calibration, Method("parametric_wls", by_ray))
-    n, k = blocks.sights.there.shape
-    gain = blocks.gain.reshape(n, 3, k, 2)
-    each = pixel_covariance(blocks.sights, blocks.rays, calibration)
-    own = np.einsum("nikl,nklm,njkm->nij", gain, each, gain)
-    return {"ml": (pixels.sights.code, sandwich(pixels)[0]), "parametric_wls": (blocks.sights.code, own)}
+    claims = {}
+    if "ml" in methods:
+        pixels = settle(sights, calibration, REPROJECTION)
+        claims["ml"] = (pixels.sights.code, sandwich(pixels)[0])
+    if "parametric_wls" in methods:
+        blocks = settle(sights, calibration, Method("parametric_wls", by_ray))
+        claims["parametric_wls"] = (blocks.sights.code, normal_claim(blocks, calibration))
+    return claims
+
+
+def normal_claim(solved: Solved, calibration: Calibration) -> np.ndarray:
+    """(n, 3, 3) inverses of sum D^T R^-1 D: what weighting each ray by its own covariance claims of the points."""
+    n, k = solved.sights.there.shape
+    gain = solved.gain.reshape(n, 3, k, 2)
+    each = pixel_covariance(solved.sights, solved.rays, calibration)
+    return np.einsum("nikl,nklm,njkm->nij", gain, each, gain)
 
 
 def _of_the_cameras(
     seen: Observations, calibration: Calibration, sheet: Field, codes: list[int], true_mm: np.ndarray
 ) -> dict[str, Any]:
-    """The gain by the law of METHODS section 1.7, of ranges alone and with each ray's own noise, as means over the
-    points; and unit normals (n, 3) of the planes in which the first two rays of each point lie."""
+    """The gain by the law of METHODS section 1.7, of ranges alone and with each ray's own noise, and how many cameras
+    the latter's weights make (`law_cameras`), as means over the points; and unit normals (n, 3) of the planes in which
+    the first two rays of each point lie."""
     sights = sights_of(seen, calibration, sheet)
     sights = _take(sights, codes)
     depth = rays_of(sights, calibration, true_mm).depth_mm
@@ -225,17 +275,22 @@ def _of_the_cameras(
     toward = calibration.stations.origin_mm[sights.station[:, :2]] - true_mm[:, None]
     normal = np.cross(toward[:, 0], toward[:, 1])
     return {
-        "law_ranges": _law(depth, sights.there), "law_noise": _law(depth * noise, sights.there),
+        "law_ranges": law(depth, sights.there)[0], "law_noise": law(depth * noise, sights.there)[0],
+        "law_cameras": law(depth * noise, sights.there)[1],
         "normal": normal / np.linalg.norm(normal, axis=1, keepdims=True),
     }  # fmt: skip
 
 
-def _law(across: np.ndarray, there: np.ndarray) -> float:
-    """sqrt(<L^2> <1/L^2>) over the rays that are there, as mean over points; `across` (n, k) is proportional to each
-    ray's noise square to it."""
+def law(across: np.ndarray, there: np.ndarray) -> tuple[float, float]:
+    """sqrt(<L^2> <1/L^2>) over the rays that are there, and the number of equal cameras that the weights w = 1/L^2
+    come to, (sum w)^2 / sum w^2: both as means over points. `across` (n, k) is proportional to each ray's noise square
+    to it. The law is of many cameras: where one weight outdoes all others it does not hold."""
     square = np.where(there, across, 1) ** 2
-    mean, inverse = ((np.where(there, values, 0).sum(axis=1) / there.sum(axis=1)) for values in (square, 1 / square))
-    return float(np.sqrt(mean * inverse).mean())
+    weight = np.where(there, 1 / square, 0)
+    n = there.sum(axis=1)
+    mean, inverse = np.where(there, square, 0).sum(axis=1) / n, weight.sum(axis=1) / n
+    cameras = weight.sum(axis=1) ** 2 / (weight**2).sum(axis=1)
+    return float(np.sqrt(mean * inverse).mean()), float(cameras.mean())
 
 
 def _across(points: Points, codes: list[int], true_mm: np.ndarray, normal: np.ndarray) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""The field of the study `wls`: 44 check targets, three small boards and a bar, and 16 stations around them.
+"""The field of the study `wls`: 42 check targets, three small boards and a bar, and 16 stations around them.
 
 The two scenes differ by the stations' distances alone: all at 4.5 m, or from 2 to 10 m with every distance as likely
 from every side. Boards are printed exactly and the bar is as long as its certificate says, because what the workshop
