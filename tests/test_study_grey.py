@@ -9,26 +9,27 @@ import pandas as pd
 import pytest
 from scipy.stats import kendalltau
 
+from testfield.camera.project import project
 from testfield.errors import TestfieldError
 from testfield.report.study import write_page
 from testfield.scene.check import check_scene
 from testfield.scene.load import parse_scene
 from testfield.scene.truth import see
 from testfield.seeds import generator
-from testfield.study import grey, grey_page, grey_rankings, grey_samples
+from testfield.study import grey, grey_page, grey_rankings, grey_runs, grey_samples
 from testfield.study.cases import changed
-from testfield.study.grey_factors import DUMMY, FACTORS, NAMES, levels_of, scene_of
+from testfield.study.grey_factors import DUMMY, FACTORS, NAMES, WORKSHOP, levels_of, scene_of
 from testfield.study.run_cases import do_case
 from testfield.study.study import Findings
 
 EFFECT = np.array([0.2, 0.0, 0.0, 0.0, 0.3, 0.0, 0.0, 0.8, 0.4, 0.0, 1.2, 0.0])
 
 
-def _rows(base_rows: int, noise: float, sweeps: int = 3) -> pd.DataFrame:
+def _rows(base_rows: int, noise: float, levels: int = 3, repeats: int = 2) -> pd.DataFrame:
     """Runs whose ln RMSE is `EFFECT` times the places in the unit cube, and noise."""
     rng = generator(1, "grey rows")
     rows = []
-    for entry in grey.design(base_rows) + grey.sweep(sweeps):
+    for entry in grey.design(base_rows) + grey.sweep(levels, repeats):
         unit = np.array(entry["unit"])
         row = {key: value for key, value in entry.items() if key != "unit"}
         row |= {f"unit {k}": value for k, value in enumerate(unit)}
@@ -54,7 +55,7 @@ def _runs(base_rows: int, noise: float) -> grey_rankings.Runs:
 
 
 def test_every_run_of_the_plan_is_made_once_and_shares_its_picture_with_all_that_look_alike():
-    for quick, pictures, runs in ((True, 4 * 12, 4 * 14), (False, 16 * 12 + 41, 16 * 14 + 60)):
+    for quick, pictures, runs in ((True, 3 * 12, 3 * 14), (False, 16 * 12 + 41, 16 * 14 + 180)):
         cases = [case for case in grey.cases(quick) if case.labels["part"] == "runs"]
         entries = [entry for case in cases for entry in case.options["runs"]]
         assert len({entry["run"] for entry in entries}) == len(entries) == runs
@@ -87,6 +88,29 @@ def test_the_scene_is_in_order_at_the_ends_of_all_factors(place):
     world = build_world(scene)
     check_scene(scene, world, see(world), "grey")
     assert len(world.station_name) == (4 if place == 0 else 8)
+
+
+def test_the_workshop_of_a_run_is_drawn_around_the_truth():
+    import tomli_w
+
+    from testfield.scene.build import build_world
+
+    unit = np.full(len(FACTORS), 0.5)
+    unit[NAMES.index("bow of the board, um")] = 0  # the sheet knows nothing of it
+    world = build_world(parse_scene(tomli_w.dumps(scene_of(levels_of(unit))), "grey"))
+    true, views = grey_runs.true_calibration(world), see(world)
+    marks, sheet = world.marks, grey_runs.sheet_of(world.field, WORKSHOP)
+    local = np.column_stack([sheet.boards[0].marks.xy_mm, np.zeros(len(sheet.boards[0].marks))])
+    on_board = np.flatnonzero(marks.board == 0)
+    here = true.boards[np.zeros(len(on_board), int)].apply(local[marks.point[on_board]])
+    for station in range(len(true.station_names)):
+        place = project(true.interior, true.stations[np.full(len(on_board), station)], here)
+        assert np.allclose(place, views.centre_px[station, on_board], atol=1e-6)
+    (bar,) = sheet.scale_bars
+    ends = world.mark_world_mm[np.isin(marks.code, bar.codes)]
+    assert np.linalg.norm(ends[1] - ends[0]) == pytest.approx(bar.length_mm, abs=1e-9)
+    assert (bar.u_length_mm, sheet.boards[0].u_xy_mm) == (WORKSHOP["bar_mm"], WORKSHOP["print_mm"])
+    assert sheet.u_scale == pytest.approx(1e-6 * WORKSHOP["scale_ppm"], rel=1e-12)
 
 
 def test_sobol_indices_are_salibs():
@@ -127,6 +151,23 @@ def test_a_dummy_above_acting_factors_is_counted():
     assert grey_rankings.dummy_above(scores, acting).tolist() == [1]
     scores[0, NAMES.index(DUMMY)] = -1
     assert grey_rankings.dummy_above(scores, acting).tolist() == [0]
+
+
+def test_a_sweeps_slope_is_what_was_put_in_within_its_uncertainty():
+    rows = _rows(1, 0.2, 5, 4)
+    table = grey_rankings.sweep_table(rows[rows["set"] == "sweep"]).set_index("factor")
+    assert np.allclose(table["u"], 0.2 / np.sqrt(4 * 0.625), rtol=0.6)
+    assert (np.abs(table["change of ln RMSE"] - EFFECT) < 4 * table["u"]).all()
+    assert ((table["change of ln RMSE"] - EFFECT) ** 2 / table["u"] ** 2).mean() < 2.5
+    exact = _rows(1, 0.0, 5, 4)
+    exact = grey_rankings.sweep_table(exact[exact["set"] == "sweep"])
+    assert np.allclose(exact["change of ln RMSE"], EFFECT, atol=1e-12) and np.allclose(exact["u"], 0, atol=1e-12)
+
+
+def test_laws_come_first_so_that_a_study_that_is_not_finished_has_them():
+    for quick in (True, False):
+        parts = [case.labels["part"] for case in grey.cases(quick)]
+        assert parts == sorted(parts, key=["law", "exposures", "runs"].index)
 
 
 def test_dengs_rank_of_the_dummy_is_made_by_the_zero_of_its_levels():
@@ -190,13 +231,14 @@ def test_a_design_of_which_nothing_was_measured_is_said_to_be_so(short):
 def test_a_rendered_run_gives_its_error_and_a_hopeless_one_its_reason(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     unit = np.full(len(FACTORS), 0.5)
     unit[NAMES.index("stations")] = 0.0
-    entry = {"run": "a", "set": "design", "base": 0, "block": "A", "unit": unit.tolist()}
+    entry = {"run": "a", "repeat": 0, "set": "design", "base": 0, "block": "A", "unit": unit.tolist()}
     (case,) = grey.runs([entry, entry | {"run": "b"}])
     case = replace(case, scene=changed(case.scene or {}, {"render.cells": 1}))
     good, again = do_case(case, tmp_path)
     assert (good["run"], again["run"]) == ("a", "b")
     assert 0 < good["rmse_mm"] < 0.2 and good["measured"] == 10 and good["lost"] == ""
     assert good["rmse_mm"] != again["rmse_mm"]  # its own noise, on the same picture
+    assert 0 < abs(good["bar_off_mm"]) < 0.05 and good["bar_off_mm"] != again["bar_off_mm"]  # and its own workshop
     assert not list(tmp_path.glob("runs/*/radiance/*.exr"))
 
     def blind(*_: object) -> None:

@@ -2,8 +2,10 @@
 
 The scene is small, so that hundreds of it can be rendered: a board, a control bar and ten check targets before half a
 megapixel, none of them ever before another. Its true lens is a pinhole but for what two of the factors add, and
-calibration holds all distortion at zero: what they add is left uncorrected. All runs have the same true world (print
-errors, the bar's error), and noise of their own. The sensor's well is deep, so that shot noise is not most of it.
+calibration holds all distortion at zero: what they add is left uncorrected. Boards are printed exactly and the bar is
+as long as its certificate says, because every run has noise and a workshop of its own: where the marks were printed,
+the boards' scale and the bar's length are drawn anew (`testfield.study.grey_runs`). The sensor's well is deep, so that
+shot noise is not most of it.
 """
 
 import math
@@ -50,6 +52,9 @@ FACTORS = (
     Factor(DUMMY, 0, 1, pictures=False),
 )
 NAMES = tuple(factor.name for factor in FACTORS)
+WORKSHOP = {"print_mm": 0.003, "scale_ppm": 100.0, "bar_mm": 0.01}
+"""Standard deviations of each coordinate of each mark, of the boards' common scale, of the bar's length. The boards'
+scale is so uncertain that a measurement's scale is the bar's."""
 
 
 def levels_of(unit: np.ndarray) -> dict[str, float]:
@@ -67,7 +72,7 @@ def scene_of(levels: dict[str, float]) -> dict[str, Any]:
     return {
         "name": "grey",
         "seed": 3,
-        "u_print_scale_ppm": 100.0,
+        "u_print_scale_ppm": 0.0,
         "volume": {"size_mm": [900, 300, 700]},
         "camera": {
             "width_px": 800, "height_px": 640, "pixel_pitch_um": 4.8, "focal_length_mm": 6.5, "f_number": 5.6,
@@ -79,7 +84,7 @@ def scene_of(levels: dict[str, float]) -> dict[str, Any]:
         "room": {"ambient_w_m2_sr": 1.1 * (1 - share), "lights": lights},
         "boards": [{
             "name": "A", "size_mm": [640, 460], "position_mm": [0, 60, 600], "normal": [0, -1, 0],
-            "bow_mm": 1e-3 * levels["bow of the board, um"], "print_sigma_mm": 0.003,
+            "bow_mm": 1e-3 * levels["bow of the board, um"], "print_sigma_mm": 0.0,
             "extension_zone": {
                 "columns": 5, "rows": 4, "pitch_mm": 90, "diameter_mm": diameter, "centre_mm": [100, 0],
             },
@@ -89,7 +94,7 @@ def scene_of(levels: dict[str, float]) -> dict[str, Any]:
             },
         }],
         "scale_bars": [{
-            "name": "bar", "role": "control", "length_mm": levels["scale bar, mm"], "u_length_mm": 0.015,
+            "name": "bar", "role": "control", "length_mm": levels["scale bar, mm"], "u_length_mm": 0.0,
             "codes": [101, 102], "diameter_mm": diameter, "position_mm": [0, -150, 265],
         }],
         "check_targets": [

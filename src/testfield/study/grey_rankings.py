@@ -246,17 +246,26 @@ def turned_round(runs: Runs) -> pd.DataFrame:
 
 
 def sweep_table(sweep: pd.DataFrame) -> pd.DataFrame:
-    """Sweeps of one factor at a time: by how much the error truly changes, and the degrees of each sweep.
+    """Sweeps of one factor at a time, every level measured as often as every other: by how much ln RMSE changes from
+    one end to the other on a straight line, its standard uncertainty `u` from the scatter of runs at the same level
+    (NaN where no level was repeated), and the degrees of each sweep.
 
-    Deng's least and largest differences are taken over all sweeps together, as published analyses do.
+    Grey degrees get each level's RMSE over its runs. Deng's least and largest differences are taken over all sweeps
+    together, as published analyses do.
     """
     rows, errors, levels = [], [], []
     for k, name in enumerate(NAMES):
-        own = sweep[sweep["block"] == name].sort_values("base")
+        own = sweep[sweep["block"] == name].sort_values("base", kind="stable")
         runs = Runs.of(own)
-        errors.append(runs.rmse_mm)
-        levels.append(sequences(runs.unit)[k])
-        rows.append({"factor": name, "change of ln RMSE": float(runs.log[-1] - runs.log[0])})
+        log = runs.log.reshape(own["base"].nunique(), -1)
+        unit = runs.unit.reshape(*log.shape, -1)[:, 0]
+        place = unit[:, k] - unit[:, k].mean()
+        square, free = log.shape[1] * (place**2).sum(), log.size - len(log)
+        within = float(log.var(axis=1).sum() * log.shape[1] / free) if free else np.nan
+        errors.append(np.sqrt(np.exp(2 * log).mean(axis=1)))
+        levels.append(sequences(unit)[k])
+        rows.append({"factor": name, "change of ln RMSE": float(place @ log.sum(axis=1) / square),
+                     "u": float(np.sqrt(within / square))})  # fmt: skip
     table = pd.DataFrame(rows)
     y, x = relations.mean_image(np.array(errors)), relations.mean_image(np.array(levels))
     table["Deng"] = relations.deng(np.zeros(y.shape[1]), x - y)

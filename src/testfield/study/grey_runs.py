@@ -5,15 +5,20 @@ from typing import Any
 
 import numpy as np
 
+from testfield.calibrate.calibration import Calibration
 from testfield.chain.run import Run
 from testfield.chain.stages import run_stage
 from testfield.chain.trials import reexposed
 from testfield.errors import TestfieldError
 from testfield.registry import find
+from testfield.scene.world import World
+from testfield.score.camera import true_in_datum
 from testfield.score.detection import score_detection
 from testfield.score.points import score_points
-from testfield.seeds import seed_of
+from testfield.seeds import generator, seed_of
 from testfield.study.cases import Case
+from testfield.targets.field import Field
+from testfield.uncertainty.certificates import draw_certificates
 
 
 def expose_again(case: Case, run: Run | None) -> list[dict[str, Any]]:
@@ -33,33 +38,55 @@ def expose_again(case: Case, run: Run | None) -> list[dict[str, Any]]:
 
 
 def measure_runs(case: Case, run: Run | None) -> list[dict[str, Any]]:
-    """Check points' errors in those runs of the design that share one picture, each with its own noise.
+    """Check points' errors in those runs of the design that share one picture.
 
-    A run that cannot be measured gives a row that says why, and no figures. The pictures are not kept: there are
+    Each has noise and a workshop of its own: `bar_off_mm` is how much longer its sheet says the bar is than it is. A
+    run that cannot be measured gives a row that says why, and no figures. The pictures are not kept: there are
     hundreds of them, and the rows are.
     """
     assert run is not None
     run_stage(run, "render")
-    rows = [_run_row(run, entry) for entry in case.options["runs"]]
+    sheet, exact = sheet_of(run.field, case.options), true_calibration(run.world)
+    rows = [_run_row(run, entry, sheet, exact) for entry in case.options["runs"]]
     for name in run.stations:
         (run.folder / f"radiance/{name}.exr").unlink(missing_ok=True)
     return rows
 
 
-def _run_row(run: Run, entry: dict[str, Any]) -> dict[str, Any]:
+def sheet_of(field: Field, workshop: dict[str, Any]) -> Field:
+    """The field sheet with what the workshop is said to be good for."""
+    boards = tuple(replace(board, u_xy_mm=workshop["print_mm"]) for board in field.boards)
+    bars = tuple(replace(bar, u_length_mm=workshop["bar_mm"]) for bar in field.scale_bars)
+    return replace(field, boards=boards, scale_bars=bars, u_scale=1e-6 * workshop["scale_ppm"])
+
+
+def true_calibration(world: World) -> Calibration:
+    """The truth in the frame of the first board; nothing is unknown in it."""
+    names = tuple(board.name for board in world.field.boards)
+    datum, boards = true_in_datum(world, names)
+    stations = world.camera_from_world.after(datum[np.zeros(len(world.station_name), int)])
+    return Calibration(
+        "true", world.interior, world.station_name, stations, names, boards, 1.0, np.zeros((0, 0)), (), 1.0, 0, 0.0, 0
+    )
+
+
+def _run_row(run: Run, entry: dict[str, Any], sheet: Field, exact: Calibration) -> dict[str, Any]:
     row = {key: value for key, value in entry.items() if key != "unit"}
     row |= {f"unit {k}": float(value) for k, value in enumerate(entry["unit"])}
     run = _with(run, entry["read_noise_e"], run.scene.measure.centroid)
-    scene = run.scene
-    figures = {"rmse_mm": np.nan, "worst_mm": np.nan, "measured": 0, "centre_rms_px": np.nan}
+    scene, name = run.scene, f"grey run/{entry['run']}"
+    rng = generator(scene.seed, f"{name}/workshop")
+    figures = {"rmse_mm": np.nan, "worst_mm": np.nan, "measured": 0, "centre_rms_px": np.nan, "bar_off_mm": np.nan}
     try:
-        found = reexposed(run, seed_of(scene.seed, f"grey run/{entry['run']}"))
+        found = reexposed(run, seed_of(scene.seed, f"{name}/noise"))
         error_px = score_detection(run.world, run.views, found).error_px
         figures["centre_rms_px"] = float(np.sqrt((error_px**2).mean())) if len(error_px) else np.nan
+        found, sheet = draw_certificates(found, exact, sheet, rng)
+        figures["bar_off_mm"] = sheet.scale_bars[0].length_mm - run.field.scale_bars[0].length_mm
         calibration = find("calibrators", scene.measure.calibrator)(
-            found, run.field, scene.camera.width_px, scene.camera.height_px, scene.camera.lens, scene.measure.hold
+            found, sheet, scene.camera.width_px, scene.camera.height_px, scene.camera.lens, scene.measure.hold
         )
-        points = find("reconstructors", scene.measure.reconstructor)(found, calibration, run.field)
+        points = find("reconstructors", scene.measure.reconstructor)(found, calibration, sheet)
         card = score_points(run.world, calibration, points).card()
     except TestfieldError as error:
         return row | figures | {"lost": error.sentence()}
