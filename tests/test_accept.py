@@ -14,14 +14,15 @@ from testfield.chain.run import Run
 from testfield.cli.main import main
 from testfield.errors import TestfieldError
 from testfield.reconstruct.points import Points
+from testfield.report.accept import sentence
 from testfield.scene.build import build_world
 from testfield.scene.load import load_scene, parse_scene
 from testfield.scene.schema import SceneFile
 from testfield.scene.world import BOARD, World
-from testfield.score.acceptance import acceptance
+from testfield.score.acceptance import acceptance, planes
 from testfield.score.camera import true_in_datum
-from testfield.score.flatness import flatness
-from testfield.score.length_test import Limit, MeasuredLengths, figures, judge, smallest_a
+from testfield.score.flatness import flatness, form_error, in_a_row
+from testfield.score.length_test import Limit, MeasuredLengths, figures, judge, limit_of, smallest_a
 from testfield.targets.field import Field
 
 SCENES = Path(__file__).parents[1] / "scenes"
@@ -92,6 +93,35 @@ def test_the_lines_stand_as_recommended_and_a_shorter_one_does_not(scene: SceneF
     assert met["one line at least"]
 
 
+def test_corners_are_the_declared_volumes_not_the_lines_own(scene: SceneFile) -> None:
+    """A single line spans a box of its own, in whose corners it does not end."""
+    found = {}
+    for k, line in enumerate(scene.measuring_lines):
+        alone = scene.model_copy(update={"measuring_lines": (line,)})
+        world = build_world(alone)
+        card, _ = acceptance(alone, world, calibrated(world), true_points(world), Limit(1.0))
+        rows = {row["what"]: row for row in card["arrangement"]}
+        corners = rows["an end point in every corner"]
+        assert not corners["met"]
+        found[k] = int(corners["found"])
+        assert card["verdict"]["verdict"] == "passed" and not card["verdict"]["arrangement_met"]
+        said = sentence(card)
+        assert "The recommended arrangement is not met in: measuring lines (1, asked: 7 or more)" in said
+        assert "an end point in every corner" in said
+    assert [found[k] for k in range(4)] == [2] * 4 and max(found[k] for k in range(4, 7)) == 0
+
+
+def test_passed_without_the_tests_arrangement_is_said_so(scene: SceneFile, exact: World) -> None:
+    card, _ = acceptance(scene, exact, calibrated(exact), true_points(exact), TIGHT)
+    assert card["verdict"]["arrangement_met"]
+    assert "arrangement" not in sentence(card) and "not the test" not in sentence(card)
+    bare = scene.model_copy(update={"measuring_lines": ()})
+    world = build_world(bare)
+    card, _ = acceptance(bare, world, calibrated(world), true_points(world), Limit(1.0))
+    assert card["verdict"]["verdict"] == "passed" and not card["verdict"]["arrangement_met"]
+    assert sentence(card).endswith("The run has no measuring lines, so this is not the test of part 1.")
+
+
 def test_a_scale_error_is_the_slope_and_the_envelope(scene: SceneFile, exact: World) -> None:
     points, q = true_points(exact), 20e-6
     larger = replace(points, xyz_mm=(1 + q) * points.xyz_mm)
@@ -127,7 +157,7 @@ def test_one_wrong_length_is_named(scene: SceneFile, exact: World) -> None:
     assert lengths.dl_mm[wrong] == pytest.approx(0.1, abs=1e-9)
     assert card["verdict"]["verdict"] == "failed" and card["verdict"]["outside"] == 1
     assert card["verdict"]["worst_codes"] == [line.codes[0], line.codes[3]]
-    assert card["verdict"]["with_test_uncertainty"] == "open" or card["verdict"]["with_test_uncertainty"] == "refuted"
+    assert card["verdict"]["with_test_uncertainty"] == "refuted"
     assert card["spacing"]["max_abs_mm"] == pytest.approx(0.1, abs=1e-9)
 
 
@@ -203,6 +233,9 @@ def test_the_tests_own_uncertainty_makes_three_answers() -> None:
     for dl, answer in ((0.01, "shown"), (0.019, "open"), (0.021, "open"), (0.03, "refuted")):
         judged = judge(_lengths(length, np.array([0.0, dl]), u_calibrated_mm=0.002), Limit(0.02))
         assert judged["with_test_uncertainty"] == answer
+        assert limit_of(judged) == Limit(0.02)
+    for limit in (Limit(0.02, 3), Limit(0.02, 3, 0.03), Limit(0.02, 3, 0.0)):  # at most 0 is a limit too
+        assert limit_of(judge(_lengths(length, np.zeros(2)), limit)) == limit
         assert judged["verdict"] == ("passed" if dl <= 0.02 else "failed")
 
 
@@ -214,6 +247,44 @@ def test_flatness_is_the_range_about_the_plane_however_it_lies() -> None:
     square = np.array([[x, y, 0.0] for x in (-1, 1) for y in (-1, 1)]) * 100
     bent = square + np.array([[0, 0, z] for z in (0.1, -0.1, -0.1, 0.1)])
     assert flatness(bent @ turn.T) == pytest.approx(0.2, abs=1e-9)
+
+
+def test_a_bow_measured_the_wrong_way_round_is_an_error_of_twice_its_size() -> None:
+    rng = np.random.default_rng(6)
+    x, y = (axis.ravel() for axis in np.meshgrid(*2 * [np.linspace(-200.0, 200, 5)]))
+    bow = 0.3 * (1 - (x**2 + y**2) / 80_000)
+    R, t = np.linalg.qr(rng.standard_normal((3, 3)))[0], rng.standard_normal(3) * 1000
+    R *= np.sign(np.linalg.det(R))
+    true, mirrored, flat = (np.column_stack([x, y, height]) for height in (bow, -bow, 0 * bow))
+    assert form_error(true @ R.T + t, true) < 1e-9
+    assert flatness(mirrored) == pytest.approx(flatness(true), abs=1e-9) == pytest.approx(0.3, abs=1e-9)
+    assert form_error(mirrored @ R.T + t, true) == pytest.approx(0.6, abs=1e-6)
+    for measured, there in ((flat @ R.T + t, true), (true, flat)):
+        assert form_error(measured, there) == pytest.approx(0.3, abs=1e-6)
+    # A tilt is no error of form, and neither is a shift in the plane.
+    assert form_error(true + np.column_stack([0 * x, 0 * x, 0.001 * x]), true) < 1e-6
+
+
+@pytest.fixture(scope="module")
+def row(scene: SceneFile) -> SceneFile:
+    """The field with four check targets alone, in a straight row on a board."""
+    targets = scene.check_targets[:3]
+    fourth = targets[2].model_copy(update={"code": 507, "xy_mm": (-302, 170)})
+    bars = tuple(bar for bar in scene.scale_bars if bar.role == "control")
+    return scene.model_copy(
+        update={"measuring_lines": (), "check_targets": (*targets, fourth), "scale_bars": bars, "acceptance": None}
+    )
+
+
+def test_targets_in_a_row_have_no_flatness(row: SceneFile) -> None:
+    line = np.column_stack([np.linspace(0, 500, 6), np.zeros(6), np.zeros(6)])
+    assert in_a_row(line) and in_a_row(line[:2]) and not in_a_row(line + np.eye(6, 3) * 20)
+    world = build_world(row)
+    assert planes(row, world, true_points(world)) == []
+    beside = row.check_targets[3].model_copy(update={"xy_mm": (605, 345)})
+    square = row.model_copy(update={"check_targets": (*row.check_targets[:3], beside)})
+    world = build_world(square)
+    assert [plane["targets"] for plane in planes(square, world, true_points(world))] == [4]
 
 
 def test_true_claims_are_found_true_and_halved_ones_not(scene: SceneFile, exact: World) -> None:
