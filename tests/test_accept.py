@@ -14,16 +14,19 @@ from testfield.chain.run import Run
 from testfield.cli.main import main
 from testfield.errors import TestfieldError
 from testfield.reconstruct.points import Points
-from testfield.report.accept import sentence
+from testfield.report.accept import accept_page, sentence
 from testfield.scene.build import build_world
 from testfield.scene.load import load_scene, parse_scene
 from testfield.scene.schema import SceneFile
 from testfield.scene.world import BOARD, World
 from testfield.score.acceptance import acceptance, planes
+from testfield.score.align import rigid_basis, rigid_fit
 from testfield.score.camera import true_in_datum
 from testfield.score.flatness import flatness, form_error, in_a_row
 from testfield.score.length_test import Limit, MeasuredLengths, figures, judge, limit_of, smallest_a
+from testfield.score.points import score_points
 from testfield.targets.field import Field
+from testfield.uncertainty.consistency import decorrelated, nees_band, pit_uniformity
 
 SCENES = Path(__file__).parents[1] / "scenes"
 TIGHT = Limit(1e-9)
@@ -287,6 +290,64 @@ def test_targets_in_a_row_have_no_flatness(row: SceneFile) -> None:
     assert [plane["targets"] for plane in planes(square, world, true_points(world))] == [4]
 
 
+@pytest.mark.parametrize("free", [False, True])
+def test_check_points_in_a_straight_row_are_judged_by_what_they_see(row: SceneFile, free: bool) -> None:
+    """Nobody sees their turn about the row: 3n - 5 degrees of freedom, and no crash."""
+    world = build_world(row)
+    calibration, points = calibrated(world), true_points(world)
+    if free:
+        calibration = replace(calibration, board_names=(), boards=Poses.identity(0))
+    n, rng = 4, np.random.default_rng(8)
+    true, check = points.xyz_mm, np.isin(points.code, [501, 502, 503, 507])
+    size = 3 * len(points)
+    A = np.eye(size) + 0.3 * rng.standard_normal((size, size))
+    A[0] *= 3
+    root, values, p = 0.01 * A, [], []
+    points = replace(points, cov_xyz_mm2=root @ root.T)
+    for _ in range(150):
+        noise = (root @ rng.standard_normal(size)).reshape(-1, 3)
+        score = score_points(world, calibration, replace(points, xyz_mm=true + noise))
+        assert np.abs(score.fitted_mm).max() < 1 and np.isfinite(score.anees_fitted)
+        values.append(score.anees_fitted)
+        p.append(pit_uniformity(decorrelated(score.error_mm.ravel(), score.cov_mm2))[1])
+    assert check.sum() == n and np.mean(values) == pytest.approx(1, abs=3.3 * np.sqrt(2 / (150 * (3 * n - 5))))
+    assert 0.005 < np.mean(np.array(p) < 0.05) < 0.11
+    card, lengths = acceptance(row, world, calibration, replace(points, xyz_mm=true + noise))
+    assert card["points"]["fitted_parameters"] == 5 and card["points"]["pit"]["values"] == 3 * n - 5 * free
+    assert card["points"]["anees_band_95"] == list(nees_band(3 * n - 5 * free))
+    assert accept_page(world, card, lengths, None, []).count("<svg") == 3
+
+
+def test_a_row_is_brought_onto_the_true_one_by_the_smallest_turn() -> None:
+    rng = np.random.default_rng(9)
+    along = np.array([1.0, 2, -1]) / np.sqrt(6)
+    true = 100 + np.outer([0, 100, 250, 400, 900], along)
+    assert rigid_basis(true).shape == (15, 5) and rigid_basis(true[:1]).shape == (3, 3)
+    assert np.linalg.matrix_rank(rigid_basis(true)) == 5
+    for turn in (np.eye(3), np.linalg.qr(rng.standard_normal((3, 3)))[0], -np.eye(3)):
+        turn = turn * np.sign(np.linalg.det(turn)) if turn[0, 0] > -1 else np.diag([-1.0, -1, 1])
+        R, t = rigid_fit(true @ turn.T + 7, true)
+        assert np.abs((true @ turn.T + 7) @ R.T + t - true).max() < 1e-9
+        assert np.abs(R @ R.T - np.eye(3)).max() < 1e-12 and np.linalg.det(R) == pytest.approx(1)
+    R, t = rigid_fit(-true, true)  # straight back
+    assert np.abs(-true @ R.T + t - true).max() < 1e-9 and np.linalg.det(R) == pytest.approx(1)
+    R, _ = rigid_fit(true + 1e-3 * rng.standard_normal(true.shape), true)
+    assert np.abs(R - np.eye(3)).max() < 1e-4
+
+
+def test_three_points_of_a_free_network_say_nothing_of_their_plane(scene: SceneFile) -> None:
+    three = scene.model_copy(
+        update={"measuring_lines": (), "check_targets": (*scene.check_targets[:2], scene.check_targets[4])}
+    )
+    world = build_world(three)
+    calibration = replace(calibrated(world), board_names=(), boards=Poses.identity(0))
+    points = true_points(world)
+    noise = 0.01 * np.random.default_rng(10).standard_normal(points.xyz_mm.shape)
+    card, _ = acceptance(three, world, calibration, replace(points, xyz_mm=points.xyz_mm + noise))
+    assert card["points"]["pit"]["values"] == 3 and abs(card["points"]["en_worst"]) < 5
+    assert card["points"]["coverage_95"] in (0, 1 / 3, 2 / 3, 1)
+
+
 def test_true_claims_are_found_true_and_halved_ones_not(scene: SceneFile, exact: World) -> None:
     rng, points, calibration = np.random.default_rng(4), true_points(exact), calibrated(exact)
     figures_of: list[tuple[float, float, float]] = []
@@ -336,7 +397,8 @@ def test_a_run_without_measuring_lines_is_tested_on_its_check_targets(
     for a_mm, verdict in ((1.0, "passed"), (1e-5, "failed")):
         assert main(["accept", str(folder), "--a-mm", str(a_mm), "--json"]) == 0
         card = json.loads(capsys.readouterr().out)
-        assert card["verdict"]["verdict"] == verdict
+        assert card["verdict"]["verdict"] == verdict and card["verdict"]["arrangement_met"] is False
+        assert "so this is not the test of part 1" in (folder / "accept.html").read_text()
         assert len(card["rows"]) == 29  # all pairs of eight targets, and the check bar
     assert "no measuring lines" in card["lengths"]["rule"]
     assert card["arrangement"] is None

@@ -12,11 +12,11 @@ from testfield.errors import TestfieldError
 from testfield.reconstruct.points import Points
 from testfield.scene.schema import CheckGrid, SceneFile
 from testfield.scene.world import CHECK, World
-from testfield.score.align import aligned_covariance
+from testfield.score.align import aligned_covariance, rigid_basis
 from testfield.score.flatness import flatness, form_error, in_a_row
 from testfield.score.length_test import Limit, MeasuredLengths, figures, judge
 from testfield.score.points import score_points
-from testfield.uncertainty.consistency import decorrelated, hit_band, nees_band, pit_uniformity
+from testfield.uncertainty.consistency import NOTHING, decorrelated, hit_band, nees_band, pit_uniformity
 
 LINES, LENGTHS = 7, 5
 """Measuring lines, and test lengths on each, that VDI/VDE 2634 part 1 recommends."""
@@ -213,8 +213,8 @@ def points_card(
     """Check points: relative accuracy by both definitions, external over internal accuracy, coverage, NEES, E_n, and
     the law of the errors over their uncertainties, decorrelated by the full covariance and coordinate by coordinate.
 
-    Internal accuracy is the claimed sigma, external the RMSE, both after the same fit of six parameters. None of
-    fewer than three check points, which allow no fit.
+    Internal accuracy is the claimed sigma, external the RMSE, both after the same fit of six parameters, of which
+    points in a straight row see five (`fitted_parameters`). None of fewer than three check points, which allow no fit.
     """
     score = score_points(world, calibration, points)
     n = len(score.code)
@@ -232,24 +232,25 @@ def points_card(
         return {"check_points": n, "of_lengths": of_lengths}
     sigma = float(np.sqrt(np.trace(aligned_covariance(score.cov_mm2, score.true_mm)) / (3 * n)))
     rmse, largest = float(np.sqrt((score.fitted_mm**2).mean())), float(pdist(score.true_mm).max())
-    # A free network has no datum to compare in: its claims are judged after the fit.
-    anees, freedom = (score.anees_fitted, 3 * n - 6) if score.free else (score.anees, 3 * n)
-    hits = sum(
-        float(score.error_mm[k] @ np.linalg.solve(score.covariance(k), score.error_mm[k])) <= chi2.ppf(0.95, 3)
-        for k in range(n)
-    )
-    en = score.error_mm / (2 * score.u_mm)
+    # A free network has no datum to compare in: its claims are judged after the fit, and where that leaves nothing of a
+    # direction (three points always meet their plane), there is nothing to judge.
+    fitted = rigid_basis(score.true_mm).shape[1]
+    anees, freedom = (score.anees_fitted, 3 * n - fitted) if score.free else (score.anees, 3 * n)
+    each = [decorrelated(score.error_mm[k], score.covariance(k)) for k in range(n)]
+    hits = sum(float(z @ z) <= chi2.ppf(0.95, len(z)) for z in each)
+    left = score.u_mm**2 > NOTHING * score.u_mm.max() ** 2
+    en = score.error_mm[left] / (2 * score.u_mm[left])
     z = decorrelated(score.error_mm.ravel(), score.cov_mm2)
-    (distance, p), (of_coordinates, _) = pit_uniformity(z), pit_uniformity(2 * en.ravel())
+    (distance, p), (of_coordinates, _) = pit_uniformity(z), pit_uniformity(2 * en)
     return {
-        "check_points": n, "expected": score.expected, "rmse_mm": rmse, "sigma_mm": sigma,
+        "check_points": n, "expected": score.expected, "fitted_parameters": fitted, "rmse_mm": rmse, "sigma_mm": sigma,
         "external_over_internal": rmse / sigma, "largest_distance_mm": largest, "diagonal_mm": world.field_diagonal_mm,
         "relative_accuracy_sigma": largest / sigma, "relative_accuracy_rmse": largest / rmse,
         "relative_accuracy_sigma_diagonal": world.field_diagonal_mm / sigma,
         "relative_accuracy_rmse_diagonal": world.field_diagonal_mm / rmse,
         "anees": anees, "anees_band_95": list(nees_band(freedom)), "after_fit": score.free,
         "coverage_95": hits / n, "coverage_band_99": [hits_of / n for hits_of in hit_band(n, 0.95)],
-        "en_worst": float(en.ravel()[np.argmax(np.abs(en))]), "en_within_1": float((np.abs(en) <= 1).mean()),
+        "en_worst": float(en[np.argmax(np.abs(en))]), "en_within_1": float((np.abs(en) <= 1).mean()),
         "pit": {"distance": distance, "p": p, "values": len(z), "distance_of_coordinates": of_coordinates},
         "of_lengths": of_lengths,
     }  # fmt: skip
