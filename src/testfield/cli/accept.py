@@ -32,7 +32,7 @@ def act(args: argparse.Namespace) -> int:
     from testfield.reconstruct.points import Points
     from testfield.report.accept import accept_page
     from testfield.score.acceptance import acceptance
-    from testfield.score.length_test import Limit
+    from testfield.score.length_test import Limit, limit_of
     from testfield.score.scorecard import plain
 
     asked = _limit(args)
@@ -40,8 +40,7 @@ def act(args: argparse.Namespace) -> int:
     calibration = Calibration.load(run.need("calibration.json", "calibrate"))
     points = Points.load(run.need("points.parquet", "reconstruct"))
     card, lengths = acceptance(run.scene, run.world, calibration, points, None if asked is None else Limit(*asked))
-    verdict = card["verdict"]
-    limit = verdict and Limit(verdict["a_mm"], verdict["k_ppm"], verdict["b_mm"] or float("inf"))
+    limit = None if card["verdict"] is None else limit_of(card["verdict"])
     warnings = stale_inputs(run)
     with disk_errors(args.run), whole(args.run / "accept.html") as path:
         path.write_text(accept_page(run.world, card, lengths, limit, warnings))
@@ -114,7 +113,7 @@ def _figures(card: dict[str, Any]) -> list[tuple[str, str]]:
     rows.append(("smallest envelope, A and K", f"{envelope['a_mm']:.4f} mm + {envelope['k_ppm']:.2f} ppm L"))
     if spacing := card["spacing"]:
         rows.append((f"spacing of targets, largest of {spacing['spacings']} errors", f"{spacing['max_abs_mm']:.4f} mm"))
-    rows += [(f"flatness error, {plane['plane']}", f"{plane['error_mm']:+.4f} mm") for plane in card["flatness"]]
+    rows += [(f"flatness error, {plane['plane']}", f"{plane['error_mm']:.4f} mm") for plane in card["flatness"]]
     if "rmse_mm" in points:
         band = points["anees_band_95"]
         rows += [

@@ -18,7 +18,7 @@ MOST_DRAWN = 100
 
 
 def sentence(card: dict[str, Any]) -> str:
-    """The verdict in words."""
+    """The verdict in words, and where the test was not the one that the standard asks for."""
     found, verdict = card["lengths"], card["verdict"]
     largest = f"largest of {found['lengths']} errors {found['max_abs_dl_mm']:.4f} mm"
     if verdict is None:
@@ -38,13 +38,23 @@ def sentence(card: dict[str, Any]) -> str:
     worst = f"targets {verdict['worst_codes'][0]} and {verdict['worst_codes'][1]}"
     size = f"{verdict['worst_dl_mm']:+.4f} mm where {verdict['worst_limit_mm']:.4f} mm are allowed"
     if verdict["verdict"] == "failed":
-        return f"Failed: {verdict['outside']} of {verdict['of']} errors exceed {limit}; worst {size} ({worst}). {shown}"
-    if verdict["verdict"] == "incomplete":
-        return (
+        said = f"Failed: {verdict['outside']} of {verdict['of']} errors exceed {limit}; worst {size} ({worst})."
+    elif verdict["verdict"] == "incomplete":
+        said = (
             f"Incomplete: {verdict['missing']} of the lengths were not measured; the other {verdict['of']} are within "
-            f"{limit}. {shown}"
+            f"{limit}."
         )
-    return f"Passed: all {verdict['of']} errors are within {limit}; nearest to it {size} ({worst}). {shown}"
+    else:
+        said = f"Passed: all {verdict['of']} errors are within {limit}; nearest to it {size} ({worst})."
+    return " ".join([said, shown, *_arrangement(card["arrangement"])])
+
+
+def _arrangement(rows: list[dict[str, Any]] | None) -> list[str]:
+    """What the arrangement of the measuring lines leaves to be said."""
+    if rows is None:
+        return ["The run has no measuring lines, so this is not the test of part 1."]
+    lacking = "; ".join(f"{row['what']} ({row['found']}, asked: {row['asked']})" for row in rows if not row["met"])
+    return [f"The recommended arrangement is not met in: {lacking}."] if lacking else []
 
 
 def accept_page(

@@ -12,11 +12,11 @@ from testfield.errors import TestfieldError
 from testfield.reconstruct.points import Points
 from testfield.scene.schema import CheckGrid, SceneFile
 from testfield.scene.world import CHECK, World
-from testfield.score.align import aligned_covariance
-from testfield.score.flatness import flatness
+from testfield.score.align import aligned_covariance, rigid_basis
+from testfield.score.flatness import flatness, form_error, in_a_row
 from testfield.score.length_test import Limit, MeasuredLengths, figures, judge
 from testfield.score.points import score_points
-from testfield.uncertainty.consistency import hit_band, nees_band
+from testfield.uncertainty.consistency import NOTHING, decorrelated, hit_band, nees_band, pit_uniformity
 
 LINES, LENGTHS = 7, 5
 """Measuring lines, and test lengths on each, that VDI/VDE 2634 part 1 recommends."""
@@ -47,11 +47,14 @@ def acceptance(
         )  # fmt: skip
     if limit is None and (part := scene.acceptance) is not None:
         limit = Limit(part.a_mm, part.k_ppm, np.inf if part.b_mm is None else part.b_mm)
+    stands = arrangement(scene, world)
     card = {
         "scene": world.name,
         "lengths": figures(lengths) | {"rule": rule, "missing": missing(points, asked)},
-        "verdict": None if limit is None else judge(lengths, limit, len(asked) - len(lengths)),
-        "arrangement": arrangement(scene, world),
+        "verdict": None if limit is None else judge(lengths, limit, len(asked) - len(lengths)) | {
+            "arrangement_met": stands is not None and all(row["met"] for row in stands)
+        },
+        "arrangement": stands,
         "adjustment": {
             "scale_bars": [bar.name for bar in world.field.scale_bars if bar.role == "control"],
             "note": "made the scale and are no test lengths",
@@ -60,7 +63,7 @@ def acceptance(
         "flatness": planes(scene, world, points),
         "points": points_card(world, calibration, points, lengths),
         "rows": lengths.rows(limit),
-    }
+    }  # fmt: skip
     return card, lengths
 
 
@@ -114,14 +117,17 @@ def missing(points: Points, asked: list[Asked]) -> list[dict[str, Any]]:
 
 
 def arrangement(scene: SceneFile, world: World) -> list[dict[str, Any]] | None:
-    """What VDI/VDE 2634 part 1 recommends of the measuring lines, one by one; None of a field that has none."""
+    """What VDI/VDE 2634 part 1 recommends of the measuring lines, one by one; None of a field that has none.
+
+    The corners are those of a volume of the declared size about the middle of all lines' ends.
+    """
     lines = world.field.measuring_lines
     if not lines:
         return None
     at, size = _check_positions(world), np.array(scene.volume.size_mm)
     ends = np.array([at[code] for line in lines for code in (line.codes[0], line.codes[-1])])
     low, high = ends.min(axis=0), ends.max(axis=0)
-    corners = np.array([[(low, high)[i][0], (low, high)[j][1], (low, high)[k][2]] for i, j, k in np.ndindex(2, 2, 2)])
+    corners = (low + high) / 2 + size * (np.array(list(np.ndindex(2, 2, 2))) - 0.5)
     near = np.linalg.norm(corners[:, None] - ends[None], axis=-1).min(axis=1) <= CORNER * size.min()
     longest = np.array([line.length_mm[-1] for line in lines])
     fewest, diagonal = min(len(line.length_mm) for line in lines), float(np.linalg.norm(size))
@@ -171,8 +177,8 @@ def spacing(world: World, points: Points) -> dict[str, Any] | None:
 def planes(scene: SceneFile, world: World, points: Points) -> list[dict[str, Any]]:
     """Flatness error of every plane of targets, four or more: those stuck on one board, and grids one target deep.
 
-    The error is the measured points' range about their plane less the true points' own, so that a bent board counts
-    as the form it has.
+    The error is the range of measured less true heights, so that a bent board counts as the form it has; beside it the
+    ranges of both about planes of their own. Targets in a straight row span no plane and are left out.
     """
     at, marks = _check_positions(world), world.marks
     groups = {
@@ -190,12 +196,13 @@ def planes(scene: SceneFile, world: World, points: Points) -> list[dict[str, Any
     known, rows = {int(code) for code in points.code}, []
     for name, codes in groups.items():
         here = [code for code in codes if code in known]
-        if len(here) < 4:
+        true = np.array([at[code] for code in here]).reshape(-1, 3)
+        if len(here) < 4 or in_a_row(true):
             continue
-        found = flatness(points.xyz_mm[points.rows(here)])
-        true = flatness(np.array([at[code] for code in here]))
+        found = points.xyz_mm[points.rows(here)]
         rows.append({
-            "plane": name, "targets": len(here), "measured_mm": found, "true_mm": true, "error_mm": found - true,
+            "plane": name, "targets": len(here), "measured_mm": flatness(found), "true_mm": flatness(true),
+            "error_mm": form_error(found, true),
         })  # fmt: skip
     return rows
 
@@ -203,40 +210,48 @@ def planes(scene: SceneFile, world: World, points: Points) -> list[dict[str, Any
 def points_card(
     world: World, calibration: Calibration, points: Points, lengths: MeasuredLengths
 ) -> dict[str, Any] | None:
-    """Check points: relative accuracy by both definitions, external over internal accuracy, coverage, NEES, E_n.
+    """Check points: relative accuracy by both definitions, external over internal accuracy, coverage, NEES, E_n, and
+    the law of the errors over their uncertainties, decorrelated by the full covariance and coordinate by coordinate.
 
-    Internal accuracy is the claimed sigma, external the RMSE, both after the same fit of six parameters. None of
-    fewer than three check points, which allow no fit.
+    Internal accuracy is the claimed sigma, external the RMSE, both after the same fit of six parameters, of which
+    points in a straight row see five (`fitted_parameters`). None of fewer than three check points, which allow no fit.
     """
     score = score_points(world, calibration, points)
     n = len(score.code)
     lengths_en = lengths.en
+    of_zeta, _ = pit_uniformity(2 * lengths_en)
     of_lengths = {
         "en_worst": float(lengths_en[np.argmax(np.abs(lengths_en))]),
         "en_within_1": float((np.abs(lengths_en) <= 1).mean()),
         "covered_95": float((np.abs(lengths.dl_mm) <= norm.ppf(0.975) * lengths.u_dl_mm).mean()),
+        "zeta_worst": 2 * float(lengths_en[np.argmax(np.abs(lengths_en))]),
+        "zeta_within_2": float((np.abs(lengths_en) <= 1).mean()), "zeta_pit_distance": of_zeta,
         "lengths": len(lengths),
-    }
+    }  # fmt: skip
     if n < 3:
         return {"check_points": n, "of_lengths": of_lengths}
     sigma = float(np.sqrt(np.trace(aligned_covariance(score.cov_mm2, score.true_mm)) / (3 * n)))
     rmse, largest = float(np.sqrt((score.fitted_mm**2).mean())), float(pdist(score.true_mm).max())
-    # A free network has no datum to compare in: its claims are judged after the fit.
-    anees, freedom = (score.anees_fitted, 3 * n - 6) if score.free else (score.anees, 3 * n)
-    hits = sum(
-        float(score.error_mm[k] @ np.linalg.solve(score.covariance(k), score.error_mm[k])) <= chi2.ppf(0.95, 3)
-        for k in range(n)
-    )
-    en = score.error_mm / (2 * score.u_mm)
+    # A free network has no datum to compare in: its claims are judged after the fit, and where that leaves nothing of a
+    # direction (three points always meet their plane), there is nothing to judge.
+    fitted = rigid_basis(score.true_mm).shape[1]
+    anees, freedom = (score.anees_fitted, 3 * n - fitted) if score.free else (score.anees, 3 * n)
+    each = [decorrelated(score.error_mm[k], score.covariance(k)) for k in range(n)]
+    hits = sum(float(z @ z) <= chi2.ppf(0.95, len(z)) for z in each)
+    left = score.u_mm**2 > NOTHING * score.u_mm.max() ** 2
+    en = score.error_mm[left] / (2 * score.u_mm[left])
+    z = decorrelated(score.error_mm.ravel(), score.cov_mm2)
+    (distance, p), (of_coordinates, _) = pit_uniformity(z), pit_uniformity(2 * en)
     return {
-        "check_points": n, "expected": score.expected, "rmse_mm": rmse, "sigma_mm": sigma,
+        "check_points": n, "expected": score.expected, "fitted_parameters": fitted, "rmse_mm": rmse, "sigma_mm": sigma,
         "external_over_internal": rmse / sigma, "largest_distance_mm": largest, "diagonal_mm": world.field_diagonal_mm,
         "relative_accuracy_sigma": largest / sigma, "relative_accuracy_rmse": largest / rmse,
         "relative_accuracy_sigma_diagonal": world.field_diagonal_mm / sigma,
         "relative_accuracy_rmse_diagonal": world.field_diagonal_mm / rmse,
         "anees": anees, "anees_band_95": list(nees_band(freedom)), "after_fit": score.free,
         "coverage_95": hits / n, "coverage_band_99": [hits_of / n for hits_of in hit_band(n, 0.95)],
-        "en_worst": float(en.ravel()[np.argmax(np.abs(en))]), "en_within_1": float((np.abs(en) <= 1).mean()),
+        "en_worst": float(en[np.argmax(np.abs(en))]), "en_within_1": float((np.abs(en) <= 1).mean()),
+        "pit": {"distance": distance, "p": p, "values": len(z), "distance_of_coordinates": of_coordinates},
         "of_lengths": of_lengths,
     }  # fmt: skip
 

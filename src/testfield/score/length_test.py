@@ -104,6 +104,11 @@ def judge(lengths: MeasuredLengths, limit: Limit, missing: int = 0) -> dict[str,
     }  # fmt: skip
 
 
+def limit_of(verdict: dict[str, Any]) -> Limit:
+    """The limit that a verdict was given by."""
+    return Limit(verdict["a_mm"], verdict["k_ppm"], np.inf if verdict["b_mm"] is None else verdict["b_mm"])
+
+
 def figures(lengths: MeasuredLengths) -> dict[str, Any]:
     """Largest, mean and rms error; the mean relative error; the slope of the errors over length; the envelopes."""
     dl = lengths.dl_mm

@@ -9,7 +9,7 @@ from scipy.stats import chi2
 from testfield.calibrate.calibration import Calibration
 from testfield.reconstruct.points import Points
 from testfield.scene.world import BAR, CHECK, World
-from testfield.score.align import aligned_covariance, rigid_fit
+from testfield.score.align import aligned_covariance, rigid_basis, rigid_fit
 from testfield.score.camera import true_in_datum
 
 
@@ -90,8 +90,9 @@ def score_points(world: World, calibration: Calibration, points: Points) -> Poin
         turn = np.kron(np.eye(len(rows)), R)
         covariance_there = turn @ covariance @ turn.T
         reduced = aligned_covariance(covariance_there, true)
+        freedom = error.size - rigid_basis(true).shape[1]
         anees_fitted = float(
-            fitted.ravel() @ np.linalg.pinv(reduced, rcond=1e-10, hermitian=True) @ fitted.ravel() / (error.size - 6)
+            fitted.ravel() @ np.linalg.pinv(reduced, rcond=1e-10, hermitian=True) @ fitted.ravel() / freedom
         )
         if free:
             error, covariance = fitted, reduced

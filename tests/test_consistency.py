@@ -1,0 +1,118 @@
+"""What the GUM family and photogrammetry foretell, against the project's own functions (METHODS sections 3 and 5)."""
+
+import numpy as np
+import pytest
+from test_reconstruction import PINHOLE, calibration_of, seen
+
+from testfield.camera.pose import Poses
+from testfield.errors import TestfieldError
+from testfield.reconstruct.points import Points
+from testfield.registry import find
+from testfield.scene.frames import camera_looking
+from testfield.score.acceptance import measured
+from testfield.uncertainty.consistency import decorrelated, pit_uniformity, zeta
+from testfield.uncertainty.expanded import effective_freedom, expanded_factor
+
+
+# ------------------------------------------------------------------ 3.3
+def test_a_length_between_uncertain_points_is_too_long_by_its_second_order() -> None:
+    """E|V - Q| - L = s^2 / L: 1e-5 mm for s = 0.1 mm and L = 1 m, by Gauss and Hermite over the error's components."""
+    L, s = 1000.0, 0.1
+    node, weight = np.polynomial.hermite_e.hermegauss(7)
+    grid = np.stack(np.meshgrid(node, node, node, indexing="ij"), -1).reshape(-1, 3)
+    mass = np.einsum("i,j,k->ijk", *3 * [weight / weight.sum()]).ravel()
+    ends = np.vstack([np.zeros(3), [L, 0, 0] + s * grid])
+    n = len(ends)
+    points = Points("drawn", np.arange(n), ends, np.eye(3 * n), np.full(n, 4), np.zeros(n), np.zeros(n, int))
+    lengths = measured(points, [("", 0, k, L, 0.0) for k in range(1, n)])
+    assert mass @ lengths.dl_mm == pytest.approx(s**2 / L, rel=1e-4)
+    assert mass @ lengths.dl_mm == pytest.approx(1e-5, abs=1e-9)
+
+
+# ------------------------------------------------------------------ 5.3
+def test_effective_degrees_of_freedom_are_welchs_and_satterthwaites() -> None:
+    # GUM H.1, an end gauge: 25, 9.7, 2.9 and 16.6 nm with 18, 25.6, 50 and 2 degrees give 16 and t_99 = 2.92.
+    found = effective_freedom(np.array([25, 9.7, 2.9, 16.6]), np.array([18, 25.6, 50, 2]))
+    assert found == pytest.approx(16.7, abs=0.1)
+    assert expanded_factor(found, 0.99) == pytest.approx(2.92, abs=0.005)
+    # n equal contributions of the same freedom have n times it; what is known leaves none of it to be lost.
+    assert effective_freedom(np.ones(4), np.full(4, 5)) == pytest.approx(20)
+    assert effective_freedom(np.array([1, 1]), np.array([5, np.inf])) == pytest.approx(20)
+    assert effective_freedom(np.ones(3), np.full(3, np.inf)) == np.inf
+    assert expanded_factor(np.inf) == pytest.approx(1.959964, abs=1e-6)
+    for u, freedom in (([1, -1], [3, 3]), ([1.0], [0]), ([0, 0], [3, 3])):
+        with pytest.raises(TestfieldError, match="degrees of freedom"):
+            effective_freedom(np.array(u), np.array(freedom))
+
+
+def test_expanded_uncertainties_of_few_readings_hold_with_students_factor_only() -> None:
+    """Two contributions of three and five readings: 95 % is kept with t, and not with k = 1.96."""
+    rng = np.random.default_rng(1)
+    first, second = rng.normal(0, 1, (20_000, 3)), rng.normal(0, 1, (20_000, 5))
+    error = first.mean(axis=1) + second.mean(axis=1)
+    u = np.stack([first.std(axis=1, ddof=1) / np.sqrt(3), second.std(axis=1, ddof=1) / np.sqrt(5)])
+    total = np.hypot(*u)
+    k = [expanded_factor(effective_freedom(u[:, i], np.array([2, 4]))) for i in range(2000)]
+    assert 0.93 < (np.abs(error[:2000]) <= k * total[:2000]).mean() < 0.99
+    assert (np.abs(error) <= 1.96 * total).mean() < 0.91
+
+
+# ------------------------------------------------------------------ 5.4
+def test_zeta_is_the_difference_over_both_uncertainties() -> None:
+    assert zeta(np.array([10.3]), np.array([10.0]), np.array([0.03]), np.array([0.04])) == pytest.approx(6.0)
+    assert zeta(np.array([9.9]), np.array([10.0]), np.array([0.05])) == pytest.approx(-2.0)
+
+
+def test_the_law_of_true_claims_is_normal_and_that_of_halved_ones_is_not() -> None:
+    rng = np.random.default_rng(2)
+    A = rng.standard_normal((40, 40))
+    cov = A @ A.T
+    p = [pit_uniformity(decorrelated(A @ rng.standard_normal(40), cov))[1] for _ in range(400)]
+    assert 0.02 < np.mean(np.array(p) < 0.05) < 0.085  # p is uniform, where claims are true
+    z = decorrelated(A @ rng.standard_normal(40), cov)
+    assert len(z) == 40
+    bold = [pit_uniformity(2 * decorrelated(A @ rng.standard_normal(40), cov))[1] for _ in range(100)]
+    timid = [pit_uniformity(0.5 * decorrelated(A @ rng.standard_normal(40), cov))[1] for _ in range(100)]
+    assert np.mean(np.array(bold) < 0.05) > 0.6 and np.mean(np.array(timid) < 0.05) > 0.4
+    assert pit_uniformity(np.zeros(9))[0] == pytest.approx(0.5)
+
+
+def test_what_a_fit_took_away_is_not_decorrelated() -> None:
+    S = np.eye(6) - np.ones((6, 6)) / 6
+    z = decorrelated(S @ np.arange(6.0), S)
+    assert len(z) == 5 and z @ z == pytest.approx(np.arange(6).var() * 6)
+
+
+# ------------------------------------------------------------------ 5.5
+TETRAHEDRON = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3)
+TRIAD = np.eye(3)
+
+
+def turned(angle: float) -> np.ndarray:
+    """The triad turned about the space diagonal."""
+    c, s = np.cos(angle), np.sin(angle)
+    K = np.array([[0, -1, 1], [1, 0, -1], [-1, 1, 0]]) / np.sqrt(3)
+    return TRIAD @ (np.eye(3) + s * K + (1 - c) * K @ K).T
+
+
+@pytest.mark.parametrize(
+    ("directions", "q"),
+    [
+        (np.array([[1, 0, 1], [-1, 0, 1]]) / np.sqrt(2), 0.913),  # 90 degrees: exactly sqrt(5/6), not sqrt(3/4)
+        (TETRAHEDRON, 0.61),
+        (np.vstack([TRIAD, turned(1.0)]), 0.50),
+        (np.vstack([TRIAD, turned(0.7), turned(1.4)]), 0.41),
+    ],
+)
+def test_frasers_factor_is_that_of_isotropic_directions(directions: np.ndarray, q: float) -> None:
+    """sigma = q S s with q = sqrt(3 / (2 n)), for the claimed covariance of a point met by n rays."""
+    distance, s_px, focal = 4000.0, 0.05, 3000.0
+    poses = [camera_looking(distance * d, np.zeros(3), 0.3 * k) for k, d in enumerate(directions)]
+    stations = Poses(np.array([R for R, _ in poses]), np.array([t for _, t in poses]))
+    rows, field = seen(PINHOLE, stations, np.zeros((1, 3)), s_px)
+    for method in ("gls", "ml", "bundle"):
+        points = find("reconstructors", method)(rows, calibration_of(PINHOLE, stations), field)
+        found = np.sqrt(np.trace(points.cov_xyz_mm2) / 3) / (distance / focal * s_px)
+        n = len(directions)
+        assert found == pytest.approx(np.sqrt(5 / 6) if n == 2 else np.sqrt(3 / (2 * n)), rel=1e-5)
+        assert found == pytest.approx(q, abs=0.0055)
