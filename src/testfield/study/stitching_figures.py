@@ -10,7 +10,8 @@ from testfield.report.style import ACCENT, FAINT, INK, WARM
 LOOKS = {
     "planned": (ACCENT, "o", "-"), "random": (WARM, "s", "-"), "flat": ("#6b8e23", "^", "-"),
     "full-size": (INK, "D", "--"), "ChArUco, OpenCV": ("#8a4fa3", "v", ":"),
-    "ChArUco, this bundle": ("#c79bd6", "v", ":"), "one of them alone": (FAINT, "x", "-"),
+    "ChArUco, this bundle": ("#c79bd6", "v", ":"), "ChArUco, this bundle, no bar": ("#8a4fa3", "1", ":"),
+    "one of them alone": (FAINT, "x", "-"),
 }  # fmt: skip
 WIDE = {0: ("close views only", WARM, "o"), 1: ("with 1 wide view", FAINT, "s"), 2: ("with 2 wide views", FAINT, "s"),
         4: ("with 4 wide views", ACCENT, "D")}  # fmt: skip

@@ -49,7 +49,7 @@ def _counts(quick: bool) -> list[Case]:
             found += _drawn(labels, QUICK if quick else 20, methods, ("field", placement, count))
     labels = {"experiment": "coverage", "target": "planned", "boards": 12, "level": 0.0}
     windows = (0.5, 0.8, 1.0) if quick else WINDOWS
-    return found + _drawn(labels, 3 if quick else 10, [], ("field", "planned", 12), windows=windows)
+    return found + _drawn(labels, 4 if quick else 10, [], ("field", "planned", 12), windows=windows)
 
 
 def _told(placement: str, count: int, quick: bool) -> list[str]:

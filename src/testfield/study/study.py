@@ -69,7 +69,7 @@ def run_study(study: Study, folder: Path, quick: bool, jobs: int, so_far: bool =
     """Do what is missing of a study's cases, and write its page, figures, their data and `findings.json`.
 
     With `so_far` nothing is done any more: the findings are those of the finished cases. Raises `TestfieldError` where
-    there are none.
+    there are none, or where all failed.
     """
     from testfield.report.study import write_page
 
@@ -79,6 +79,10 @@ def run_study(study: Study, folder: Path, quick: bool, jobs: int, so_far: bool =
         raise TestfieldError("no case is finished", str(folder), f"begin with `testfield study {study.name}`")
     done = len(finished(cases, folder)) if so_far else len(cases)
     good = table[table[FAILURE].isna()].drop(columns=FAILURE) if FAILURE in table else table
+    if good.empty:
+        raise TestfieldError(
+            f"all cases failed, the first of them thus: {table[FAILURE].iloc[0]}", str(folder), "mend this and go on"
+        )
     findings = study.read(good)
     failures = table[table[FAILURE].notna()].to_dict("records") if FAILURE in table else []
     summary = {

@@ -1,0 +1,67 @@
+"""Intervals of what the study on stitched boards measures: of medians, of rms, and of what worlds in pairs tell."""
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.stats import beta, binom, chi2
+
+from testfield.seeds import generator
+
+LEAST_WORLDS = 6
+"""Fewer worlds give no 95 % interval of a median, and no bootstrap that could be believed."""
+RESAMPLES = 2000
+
+
+def median_of(values: np.ndarray) -> dict[str, float]:
+    """Median with the 95 % interval that order statistics give whatever the distribution; of fewer than six values
+    their range. What is not finite counts as beyond all; of no values everything is NaN."""
+    v = np.sort(np.where(np.isfinite(values), values, np.inf))
+    if not len(v):
+        return {"worlds": 0, "median": np.nan, "low": np.nan, "high": np.nan}
+    k = int(binom.ppf(0.025, len(v), 0.5))
+    middle = float(v[(len(v) - 1) // 2 : len(v) // 2 + 1].mean())
+    return {
+        "worlds": len(v),
+        "median": middle,
+        "low": float(v[max(k - 1, 0)]),
+        "high": float(v[min(len(v) - k, len(v) - 1)]),
+    }
+
+
+def rms_of(values: np.ndarray) -> tuple[float, float, float]:
+    """Root mean square and its 95 % interval for errors that are normal about zero."""
+    n, rms = len(values), float(np.sqrt(np.mean(np.square(values))))
+    return rms, rms * np.sqrt(n / chi2.ppf(0.975, n)), rms * np.sqrt(n / chi2.ppf(0.025, n))
+
+
+def share_of(count: int, n: int) -> tuple[float, float, float]:
+    """A share and its 95 % interval by Clopper and Pearson."""
+    low = beta.ppf(0.025, count, n - count + 1) if count else 0.0
+    high = beta.ppf(0.975, count + 1, n - count) if count < n else 1.0
+    return count / n, float(low), float(high)
+
+
+def ratio_of(over: np.ndarray, under: np.ndarray) -> tuple[float, float, float]:
+    """Ratio of two rms, row k of both being of the same world, and its 95 % interval by bootstrap over the worlds."""
+    return _resampled(np.column_stack([over, under]), lambda v: np.sqrt((v[0] ** 2).mean() / (v[1] ** 2).mean()))
+
+
+def lag_of(turns: np.ndarray) -> tuple[float, float, float]:
+    """Correlation about zero of neighbouring links' turns (worlds, links), and its 95 % interval by bootstrap over the
+    worlds; NaN of a single link."""
+    if turns.shape[1] < 2:
+        return float("nan"), float("nan"), float("nan")
+    return _resampled(turns, lambda v: (v[1:] * v[:-1]).mean() / (v**2).mean())
+
+
+def _resampled(values: np.ndarray, what: Callable[[np.ndarray], float]) -> tuple[float, float, float]:
+    """`what` of the transposed rows (worlds, columns), with its interval; of too few worlds that of no knowledge."""
+    if not len(values):
+        return float("nan"), float("nan"), float("nan")
+    found = float(what(values.T))
+    if len(values) < LEAST_WORLDS:
+        return found, -np.inf, np.inf
+    rng = generator(1, f"stitching/bootstrap/{len(values)}")
+    worlds = rng.integers(len(values), size=(RESAMPLES, len(values)))
+    low, high = np.quantile([what(values[chosen].T) for chosen in worlds], [0.025, 0.975])
+    return found, float(low), float(high)
