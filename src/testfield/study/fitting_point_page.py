@@ -51,8 +51,7 @@ def _tables(
         Table("Render by render", renders, "The same with weights and claim of the full covariance. Trials of one "
               "render share what light, lens and detector do alike in every exposure, and are independent given that. "
               "Bias: mean over a render's trials with its standard error.",
-              {name: form for name in renders.columns[4:]
-               for form in ("{:.3f}" if name == "share" else "{:.1f}" if name[0] == "±" else "{:+.1f}",)}),
+              {name: _form(name) for name in renders.columns[4:]}),
         Table("Do the renders differ?", alike, "Tests of whether all renders have the same share of biases within "
               "their limit, and the same mean bias.",
               {"chi-squared": "{:.1f}", "p": "{:.2g}"}),
@@ -67,6 +66,11 @@ def _tables(
               {"bias_mm": "{:.3f}", "foretold_mm": "{:.3f}", "flagged": "{:.2f}", "residual_ppm": "{:+.0f}",
                "flagged_by_residual": "{:.2f}"}),
     ]  # fmt: skip
+
+
+def _form(column: str) -> str:
+    """How a column of the table of renders is written: its share, its mean biases, and their standard errors."""
+    return "{:.3f}" if column == "share" else "{:+.1f}" if column.startswith("bias") else "{:.1f}"
 
 
 def _plots(right: pd.DataFrame, wrong: pd.DataFrame, blocks: pd.DataFrame, claims: pd.DataFrame) -> list[Plot]:
