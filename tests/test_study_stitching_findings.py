@@ -199,7 +199,7 @@ CONTRARY = {
     "loops idle": ({"chain": _chain_rows(by=1.0)}, "divide what image noise adds by 1.5", "cannot be told from 40"),
     "loops harm": ({"chain": _chain_rows(by=0.5)}, "divide what image noise adds by 1.5", "adds worse"),
     "prints idle": ({"chain": _chain_rows(by=1.0)}, "they divide the last board's error", "That they help where print"),
-    "fit idle": ({"chain": _chain_rows(mother_by=2.0)}, "four wide views, no difference that 40 worlds tell (divided by 1.00",
+    "fit idle": ({"chain": _chain_rows(mother_by=2.0)}, "views, no difference that 40 worlds tell (divided by 1.00",
                  "with four wide views, divided by 2.00"),
     "full-size bends better": ({"fault": _fault_rows(full=0.1)}, "that is their true advantage", "board errs less"),
     "bent alike": ({"fault": _fault_rows(full=2.0)}, "that is their true advantage", "err less cannot be told"),
