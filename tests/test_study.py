@@ -85,6 +85,16 @@ def test_a_case_that_fails_says_why_and_is_tried_again(tmp_path: Path) -> None:
     assert DONE == [1]
 
 
+def test_a_study_of_which_all_cases_fail_says_why_the_first_did(tmp_path: Path) -> None:
+    def read(table: pd.DataFrame) -> Findings:
+        raise AssertionError("there is nothing to read")
+
+    study = Study("squares", "Squares", "They grow.", lambda quick: _cases(range(2), hopeless=[0, 1]), read)
+    with pytest.raises(TestfieldError, match=r"all cases failed.*here: nothing was seen; look"):
+        run_study(study, tmp_path, False, 1)
+    assert not (tmp_path / "findings.json").exists()
+
+
 def test_a_case_is_done_again_when_an_algorithm_that_is_found_by_name_has_changed(monkeypatch) -> None:
     case = Case({}, "testfield.study.stitching:measure_field")
     before, asked = run_cases_module.case_key(case), []

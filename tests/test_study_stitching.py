@@ -1,18 +1,15 @@
 """The study on stitched boards: growth along a chain, its scenes, its scores and its findings."""
 
-from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
 import tomli_w
 
 from testfield.calibrate.calibration import Calibration
 from testfield.camera.pose import Poses, rotation
 from testfield.errors import TestfieldError
-from testfield.report.study import drawn
 from testfield.scene.bend import curvature_of, extent_mm
 from testfield.scene.build import build_world
 from testfield.scene.check import check_scene
@@ -25,8 +22,6 @@ from testfield.study import stitching, stitching_plan, stitching_scenes
 from testfield.study.cases import Case, changed
 from testfield.study.chain_growth import chain_errors, grown, link_of_marks
 from testfield.study.run_cases import case_key, run_cases
-from testfield.study.stitching_page import read
-from testfield.study.stitching_summary import median_of, rms_of
 
 
 def _scene(table: stitching_scenes.Table) -> SceneFile:
@@ -202,7 +197,7 @@ def test_drawn_boards_are_stitched_within_what_is_claimed() -> None:
         ("stitched", ""), ("stitched_given", ""), ("stitched", "middle"), ("stitched", "spread"),
     ]  # fmt: skip
     assert rows[0]["boards_nees"] < 2.5 and rows[0]["check_points"] == 12 and rows[0]["corner_px"] < 0.3
-    assert rows[1]["check_unfitted_mm"] < rows[0]["check_unfitted_mm"] + 0.01
+    assert rows[1]["check_unfitted_mm"] < 0.7 * rows[0]["check_unfitted_mm"]
     assert rows[2]["observations"] == pytest.approx(rows[3]["observations"], rel=0.05)
     assert rows[2]["observations"] < 0.9 * rows[0]["observations"]
     assert rows[2]["coverage"] < rows[3]["coverage"]
@@ -226,65 +221,3 @@ def test_the_plans_are_whole_and_no_case_occurs_twice() -> None:
     assert {("planned", n) for n in (1, 2, 3, 4, 6, 9, 12)} <= tried
     assert {(t, n) for t in ("random", "flat", "full-size", "charuco") for n in (3, 6, 12)} <= tried
     assert len(quick) < len(whole) / 3
-
-
-def test_medians_and_their_intervals() -> None:
-    found = median_of(np.arange(1.0, 101.0))
-    assert found == {"worlds": 100, "median": 50.5, "low": 40.0, "high": 61.0}
-    assert median_of(np.array([3.0, np.nan, 1.0])) == {"worlds": 3, "median": 3.0, "low": 1.0, "high": np.inf}
-    rms, low, high = rms_of(np.random.default_rng(3).normal(0, 2, 400))
-    assert low < 2 < high and low < rms < high
-
-
-def _rows() -> pd.DataFrame:
-    """Rows as the cases give them: corner errors fall with the number of boards, a chain grows by the law."""
-    rng, rows = np.random.default_rng(4), []
-    base = {"cut": "", "window": 1.0, "failed": "", "level": 0.0, "interior_nees": 1.0, "boards_nees": 1.0,
-            "sigma0": 1.0, "test_passed": True, "check_nees": 1.0, "mother_rms_mm": 0.01}  # fmt: skip
-    plan = [("planned", n, "stitched", 0.3 / n**2) for n in (1, 3, 12)]
-    plan += [("random", 3, "stitched", 0.2), ("full-size", 3, "stitched", 0.01), ("charuco", 3, "opencv", 0.4)]
-    plan += [("charuco", 3, "stitched", 0.3), ("sub-board, close", 1, "zhang", 0.008), ("planned", 3, "zhang", np.nan)]
-    plan += [("planned", 1, "zhang", 2e4)]
-    plan += [("full-size", 12, "stitched", 0.002), ("planned", 12, "stitched_given", 0.002)]
-    for target, boards, method, corner in plan:
-        for evidence, worlds in (("drawn", 10), ("rendered", 1)):
-            for world in range(worlds):
-                error = {
-                    "corner_px": corner * rng.uniform(0.8, 1.2),
-                    "check_rmse_mm": corner,
-                    "check_unfitted_mm": 0.02,
-                }
-                where = {"experiment": "count", "target": target, "boards": boards, "evidence": evidence}
-                rows.append(base | where | error | {"method": method, "world": world, "coverage": min(1, boards / 12)})
-    for cut, window, world in product(("middle", "spread"), (0.5, 0.8, 1.0), range(6)):
-        where = {"experiment": "coverage", "target": "planned", "boards": 12, "evidence": "drawn", "cut": cut}
-        where |= {"window": window, "corner_px": 0.002 / (window**8 if cut == "middle" else window)}
-        rows.append(base | where | {"method": "stitched", "world": world, "coverage": window, "observations": 100})
-    for fault, target, level in (("bent", "planned", 1.0), ("bent", "full-size", 1.0), ("scale", "planned", 200.0)):
-        where = {"experiment": fault, "target": target, "boards": 6, "evidence": "drawn", "level": level}
-        rows.append(base | where | {"method": "stitched", "world": 1, "corner_px": 0.1, "check_rmse_mm": 0.3})
-    for wide, sigma, world in np.ndindex(2, 2, 20):
-        shift, turn = rng.normal(0, 0.002, (7, 2)), rng.normal(0, 1e-5, (7, 2))
-        place = np.cumsum(shift + 440 * (np.cumsum(turn, axis=0) - turn), axis=0)
-        for k in range(7):
-            values = {"u_out_mm": 0.01, "u_up_mm": 0.01}
-            for i, axis in enumerate(("out", "up")):
-                values |= {f"shift_{axis}_mm": shift[k, i], f"turn_{axis}_rad": turn[k, i], f"{axis}_mm": place[k, i]}
-            where = {"experiment": "chain", "boards": 8, "evidence": "drawn", "level": 0.01 * sigma, "wide": 4 * wide}
-            rows.append(values | where | {"links": k + 1, "world": world, "nees": 1.0, "mother_rms_mm": 0.01})
-    return pd.DataFrame(rows)
-
-
-def test_findings_say_what_the_rows_say() -> None:
-    findings = read(_rows())
-    f = findings.figures
-    assert f["most_boards"] == 12 and f["enough_boards"] == 12 and f["charuco_boards"] == 3
-    assert f["planned_corner_px"] == pytest.approx(0.3 / 144, rel=0.2)
-    assert f["chain_exact_close_out_rms_mm"] == pytest.approx(f["chain_exact_close_out_law_mm"], rel=0.5)
-    assert "0.0080 px" in findings.verdict or "0.008" in findings.verdict
-    assert [sentence for sentence in findings.sentences if " nan " in sentence] == []
-    assert f["window_middle_px"] == pytest.approx(0.512) and f["window_spread_px"] == pytest.approx(0.004)
-    assert [plot.name for plot in findings.plots if b"<svg" not in drawn(plot)] == [] and len(findings.plots) == 4
-    one = next(table for table in findings.tables if table.title == "All fields").frame
-    alone = one[(one["target"] == "one of them alone") & (one["evidence"] == "drawn")]
-    assert alone["corner, px"].tolist()[1] == "beyond all"

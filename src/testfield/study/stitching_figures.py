@@ -130,6 +130,7 @@ def draw_coverage(axes: Any, data: pd.DataFrame) -> None:
         colour, mark, _ = LOOKS.get(str(name), (FAINT, "x", "-"))
         axes[1].plot(100 * rows["coverage"], rows["median"], mark, color=colour, ms=4, label=str(name))
     axes[1].set_xlabel("coverage: part of the image's 8 x 6 cells with a mark, %")
-    axes[1].legend(frameon=False, fontsize=7)
+    if len(rest):
+        axes[1].legend(frameon=False, fontsize=7)
     for axis in axes:
         axis.set_yscale("log")

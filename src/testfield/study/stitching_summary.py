@@ -54,14 +54,15 @@ def counts_of(fields: pd.DataFrame) -> pd.DataFrame:
             found.append(
                 {"target": target, "boards": int(boards), "evidence": evidence, "quantity": quantity}
                 | median_of(part[quantity].to_numpy())
-                | {"least": part[quantity].min(), "largest": part[quantity].max()}
+                | {"least": part[quantity].min(), "largest": part[quantity].fillna(np.inf).max()}
                 | {"failed": int((part["failed"] != "").sum()), "coverage": part["coverage"].median(),
                    "sigma0": part["sigma0"].median(), "interior_nees": part["interior_nees"].mean(),
                    "boards_nees": part["boards_nees"].mean(), "check_nees": part["check_nees"].mean(),
                    "true_flatness_mm": part["true_flatness_mm"].median(), "flat_passed": part["flat_passed"].mean()}
             )  # fmt: skip
     columns = ["target", "boards", "evidence", "quantity", "worlds", "median", "low", "high", "least", "largest",
-               "failed", "coverage", "sigma0", "interior_nees", "boards_nees", "check_nees", "true_flatness_mm", "flat_passed"]  # fmt: skip
+               "failed", "coverage", "sigma0", "interior_nees", "boards_nees", "check_nees", "true_flatness_mm",
+               "flat_passed"]  # fmt: skip
     return pd.DataFrame(found, columns=columns)
 
 

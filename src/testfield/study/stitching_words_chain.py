@@ -1,5 +1,6 @@
 """What the study on stitched boards says of errors that grow along a chain."""
 
+from testfield.study.stitching_intervals import LEAST_WORLDS
 from testfield.study.stitching_phrases import Known, about, pick, ratio, um
 from testfield.study.stitching_plan import CHAIN, LONG_CHAIN, PRINT_MM
 
@@ -53,7 +54,7 @@ def _random_walk(f: Known) -> str:
             "Print errors add up more than a random walk of the links would (turns of neighbouring links correlate by "
             f"{lag}, and the law asks {law if law != 'which agrees' else 'what is found'})."
         )
-    if law == "which agrees" and back == 0:
+    if law == "which agrees" and back == 0 and f[f"{key}_worlds"] >= LEAST_WORLDS:
         return (
             f"Nothing speaks against a random walk of print errors: the law agrees {UP}, and turns of neighbouring "
             f"links correlate by {lag}."
