@@ -33,10 +33,9 @@ def sentences(
 def blind(scale: pd.DataFrame) -> bool | None:
     """Whether mirror images flag a scale error no more often than a true scale, and one-sided end points nearly always;
     None where either is missing."""
-    seen = {layout: row_of(scale, layout, "equal") for layout in LAYOUTS}
-    if any(row is None for row in seen.values()):
+    symmetric, one_sided = (row_of(scale, layout, "equal") for layout in LAYOUTS)
+    if symmetric is None or one_sided is None:
         return None
-    symmetric, one_sided = seen.values()
     return not _by_more_than_chance(symmetric) and bool(one_sided["flags"] >= hit_band(one_sided["trials"], 0.95)[0])
 
 
