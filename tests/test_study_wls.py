@@ -421,8 +421,8 @@ def test_words_on_the_truth_of_claims_follow_the_figures() -> None:
     def said(narrow: float) -> str:
         return next(s for s in read(_table(GOOD, narrow)).sentences if "NEES of single points in the frame" in s)
 
-    assert said(3.0).startswith("Claims that ignore it are too small more often")
-    assert said(1.0).startswith("Claims that ignore it are not seen to be too small")
+    assert said(3.0).startswith("Claims that ignore what cameras share are too small more often")
+    assert said(1.0).startswith("Claims that ignore what cameras share are not seen to be too small")
     assert "too large in all 4 cells" in said(0.5)
 
 

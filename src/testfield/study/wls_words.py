@@ -139,7 +139,7 @@ def _truth(found: pd.DataFrame) -> list[str]:
     for name, method, column in (
         ("the block-diagonal claim of parametric_wls", WLS, "nees_narrow"),
         ("that of pixels alone (ml)", "ml", "nees_narrow"),
-        ("the sandwich that knows the correlation (parametric_wls)", WLS, "nees_frame"),
+        ("the sandwich, which knows it (parametric_wls)", WLS, "nees_frame"),
     ):
         rows = of(found, calibration="estimated", method=method).dropna(subset=column)
         if rows.empty:
@@ -153,13 +153,15 @@ def _truth(found: pd.DataFrame) -> list[str]:
         return []
     own = bold.get((WLS, "nees_frame"))
     if own is None:
-        head = "What claims are worth without correlation"
+        head = "What claims are worth that ignore what cameras share"
     elif min(narrow) > own:
-        head = "Claims that ignore it are too small more often than the one that does not"
+        head = "Claims that ignore what cameras share are too small more often than the one that knows it"
     elif max(narrow) > own:
-        head = "Of the claims that ignore it, one is too small more often than the one that does not"
+        head = "Of the claims that ignore what cameras share, one is too small more often than the one that knows it"
     else:
-        head = "Claims that ignore it are not seen to be too small more often than the one that does not"
+        head = (
+            "Claims that ignore what cameras share are not seen to be too small more often than the one that knows it"
+        )
     return [
         f"{head}: NEES of single points in the frame of the first board, calibration estimated, is "
         + "; ".join(parts) + ". 1 is a true claim."
