@@ -15,8 +15,6 @@ CLAIMS = {
     "pixels alone (ml)": (WARM, "o"), "block-diagonal (parametric_wls)": ("#d99a2b", "s"),
     "sandwich (parametric_wls)": (ACCENT, "o"), "sandwich (gls)": (INK, "D"), "sandwich (bundle)": ("#8450a8", "P"),
 }  # fmt: skip
-MANY = 6
-"""From so many cameras on the law of many cameras is drawn."""
 SHOWN_AS_GAIN = ("dlt_p34", "parametric_wls", "ml", "gls", "bundle")
 
 
@@ -39,8 +37,9 @@ def draw_gain(axes: Any, data: pd.DataFrame) -> None:
             colour, mark = LOOKS[method]
             _points(place, rows, "gain", "gain_low", "gain_high", colour, mark, method)
             place.plot(rows["cameras"], rows["gain_predicted"], color=colour, lw=0.8, ls="--")
-        law = part[part["cameras"] >= MANY].groupby("cameras")["law_noise"].first()
-        place.plot(law.index, law, color=FAINT, lw=3, marker="s", ms=4, zorder=0, label="law of many cameras")
+        law = part.groupby("cameras")["law"].first().dropna()
+        if len(law):
+            place.plot(law.index, law, color=FAINT, lw=3, marker="s", ms=4, zorder=0, label="law of many cameras")
         place.axhline(1, color=FAINT, lw=0.8)
         place.set_ylabel("RMSE midpoint / RMSE method")
     _finish(axes, data)
@@ -75,9 +74,12 @@ def _logarithmic(place: Any) -> None:
 
 def _panels(axes: Any, data: pd.DataFrame, down: str, across: str) -> list[tuple[Any, pd.DataFrame]]:
     panels = []
+    for place in axes.ravel():
+        place.set_axis_off()
     for row, a in enumerate(data[down].unique()):
         for column, b in enumerate(data[across].unique()):
             place = axes[row, column]
+            place.set_axis_on()
             place.set_title(f"{_named(down, a)}, {_named(across, b)}", fontsize=8.5)
             panels.append((place, data[(data[down] == a) & (data[across] == b)]))
     return panels
@@ -93,6 +95,5 @@ def _finish(axes: Any, data: pd.DataFrame) -> None:
         place.set_xscale("log")
         place.set_xticks(numbers, [str(n) for n in numbers])
         place.minorticks_off()
-    for place in axes[-1]:
         place.set_xlabel("cameras")
     axes[0, 0].legend(fontsize=6.5, frameon=False, ncols=2)
