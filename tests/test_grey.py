@@ -25,6 +25,7 @@ LAWS = {
     "triangular": lambda rng, size: rng.triangular(-1, 0, 1, size) * np.sqrt(6),
     "Laplace": lambda rng, size: rng.laplace(size=size) / np.sqrt(2),
     "arcsine": lambda rng, size: np.sqrt(2) * np.sin(rng.uniform(-np.pi / 2, np.pi / 2, size)),
+    "Rayleigh": lambda rng, size: rng.rayleigh(size=size) / np.sqrt(2 - np.pi / 2),
 }
 
 
@@ -98,8 +99,9 @@ def test_the_grey_uncertainty_of_small_samples_is_biased_by_law_as_tabulated(law
 
 @pytest.mark.parametrize(
     ("law", "ratio"),
-    [("normal", 0.997), ("uniform", 1.083), ("triangular", 1.021), ("Laplace", 0.884), ("arcsine", 1.125)],
-)
+    [("normal", 0.997), ("uniform", 1.083), ("triangular", 1.021), ("Laplace", 0.884), ("arcsine", 1.125),
+     ("Rayleigh", 1.005)],
+)  # fmt: skip
 def test_the_grey_uncertainty_of_a_large_sample_is_another_part_of_sigma_for_every_law(law, ratio):
     found = sup_norm_uncertainty(LAWS[law](generator(5, law), (20, 100_000))).mean()
     assert found == pytest.approx(ratio, abs=0.0015)
