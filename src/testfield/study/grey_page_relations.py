@@ -167,20 +167,26 @@ def read_design(design: pd.DataFrame) -> Findings:
         Table("Methods", summary, "tau: Kendall's, with the ranking of the analysis of variance; low and high: "
               f"{found.drawn}; both rankings are drawn anew, so they agree less than those of all runs."
               + (" The dummy must not stand above any factor that acts." if acts else ""),
-              {"tau": "{:+.2f}", "low": "{:+.2f}", "high": "{:+.2f}", "tau with total Sobol": "{:+.2f}",
-               "dummy above an acting factor": "{:.0%}", "acting factors below the dummy": "{:.1f}"}),
+              _there(summary, {"tau": "{:+.2f}", "low": "{:+.2f}", "high": "{:+.2f}", "tau with total Sobol": "{:+.2f}",
+                               ABOVE[0]: "{:.0%}", ABOVE[1]: "{:.1f}"})),
         Table("The dummy counted from another zero", offsets, "The same runs, the same dummy; Deng's degree.",
-              {"degree": "{:.3f}", "above an acting factor": "{:.0%}"}),
+              _there(offsets, {"degree": "{:.3f}", "above an acting factor": "{:.0%}"})),
         Table("Blind to sign", turned_levels, "Degrees of the levels as they are, and turned round, the highest where "
               "the lowest was.", {name: "{:+.3f}" for name in turned_levels.columns if name != "factor"}),
         Table("The same runs in other orders", orders, "Of degrees that compare steps from run to run.",
-              {"tau, median": "{:+.2f}", "dummy above an acting factor": "{:.0%}"}),
+              _there(orders, {"tau, median": "{:+.2f}", ABOVE[0]: "{:.0%}"})),
     ]  # fmt: skip
     sentences = [*_of_the_runs(found), *_of_deng(found, turned, turned_levels), _of_orders(orders)]
     return Findings(_verdict(found), sentences, tables, _plots(found, factors, summary), figures)
 
 
 ABOVE = ("dummy above an acting factor", "acting factors below the dummy")
+"""Columns that ask for factors that act."""
+
+
+def _there(frame: pd.DataFrame, formats: dict[str, str]) -> dict[str, str]:
+    """Formats of those columns that a table has."""
+    return {name: form for name, form in formats.items() if name in frame}
 
 
 def _summary(found: Design) -> pd.DataFrame:
