@@ -372,8 +372,8 @@ def _reversed(turned: dict[str, list[tuple[str, str, str]]]) -> str:
         )
     out, before, behind = next(pairs[0] for pairs in turned.values() if pairs)
     return (
-        f"Leaving out one factor turned the order of two others {count['Deng']} times for Deng's degree and "
-        f"{count[RANGE]} times with levels scaled to their ranges (without {out}, {behind} passes {before}): the "
+        f"Pairs of factors whose order turns when a third is left out: {count['Deng']} for Deng's degree, "
+        f"{count[RANGE]} with levels scaled to their ranges (without {out}, {behind} passes {before}). The "
         "ranking depends on who else is asked."
     )
 

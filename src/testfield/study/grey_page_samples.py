@@ -56,8 +56,8 @@ class Judged:
         """The laws of the least and the largest estimate over sigma, that range, and its standard uncertainty."""
         at = {law: self.of(law, estimator, n) for law in laws}
         low, high = min(laws, key=at.__getitem__), max(laws, key=at.__getitem__)
-        u = np.hypot(*(self.of(law, estimator, n, "u_mean_ratio") for law in (low, high)))
-        return low, high, at[high] - at[low], float(u)
+        u = [self.of(law, estimator, n, "u_mean_ratio") for law in (low, high)]
+        return low, high, at[high] - at[low], float(np.hypot(u[0], u[1]))
 
 
 def read_samples(table: pd.DataFrame) -> Findings:
