@@ -1,12 +1,16 @@
 """The study of grey methods: its design, its rankings and what it says of them."""
 
+import json
+import re
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.stats import f as f_law
 from scipy.stats import kendalltau
 
 from testfield.camera.project import project
@@ -15,12 +19,21 @@ from testfield.report.study import write_page
 from testfield.scene.check import check_scene
 from testfield.scene.load import parse_scene
 from testfield.scene.truth import see
+from testfield.score.scorecard import plain
 from testfield.seeds import generator
-from testfield.study import grey, grey_page, grey_rankings, grey_runs, grey_samples
+from testfield.study import (
+    grey,
+    grey_page,
+    grey_page_relations,
+    grey_page_samples,
+    grey_rankings,
+    grey_runs,
+    grey_samples,
+)
 from testfield.study.cases import changed
 from testfield.study.grey_factors import DUMMY, FACTORS, NAMES, WORKSHOP, levels_of, scene_of
 from testfield.study.run_cases import do_case
-from testfield.study.study import Findings
+from testfield.study.study import Findings, run_study
 
 EFFECT = np.array([0.2, 0.0, 0.0, 0.0, 0.3, 0.0, 0.0, 0.8, 0.4, 0.0, 1.2, 0.0])
 
@@ -37,6 +50,7 @@ def _rows(base_rows: int, noise: float, levels: int = 3, repeats: int = 2) -> pd
     return pd.DataFrame(rows)
 
 
+@cache
 def _samples() -> pd.DataFrame:
     rng = generator(2, "grey rows")
     rows = [
@@ -126,12 +140,57 @@ def test_analysis_of_variance_finds_the_shares_that_were_put_in():
     runs = _runs(64, 0.05)
     shares = EFFECT**2 / 12 / ((EFFECT**2).sum() / 12 + 0.05**2)
     assert np.allclose(grey_rankings.anova_shares(runs), shares, atol=0.08)
-    tested = grey_rankings.anova_table(runs)
+    tested = grey_rankings.anova_table(runs, 1500)
     assert set(tested["factor"][tested["p"] < 0.001]) == {name for name, e in zip(NAMES, EFFECT, strict=True) if e}
     assert grey_rankings.explained(runs) > 0.97
     # Without any effect, nothing acts.
     noise = replace(runs, rmse_mm=np.exp(generator(3, "noise").normal(size=len(runs.rmse_mm))))
-    assert (grey_rankings.anova_table(noise)["p"] > 0.001).all()
+    assert (grey_rankings.anova_table(noise, 1500)["p"] > 0.001).all()
+
+
+def _acting_together(rng: np.random.Generator, rows: int = 16) -> grey_rankings.Runs:
+    """A Saltelli design of which four factors act, in pairs and through nothing but their products."""
+    ends = rng.uniform(size=(rows, 2, len(NAMES)))
+    blocks = ["A", *NAMES, "B"]
+    unit = np.repeat(ends[:, :1], len(blocks), axis=1)
+    unit[:, -1] = ends[:, 1]
+    for k in range(len(NAMES)):
+        unit[:, 1 + k, k] = ends[:, 1, k]
+    u = 2 * unit.reshape(-1, len(NAMES)) - 1
+    log = 4 * u[:, 7] * u[:, 10] + 4 * u[:, 0] * u[:, 4] + 0.1 * rng.normal(size=len(u))
+    return grey_rankings.Runs(
+        unit.reshape(-1, len(NAMES)), np.exp(log), np.repeat(np.arange(rows), len(blocks)), np.tile(blocks, rows)
+    )
+
+
+def _f_test(runs: grey_rankings.Runs) -> np.ndarray:
+    terms, _, residual = grey_rankings._regression(runs)
+    free, p = len(terms) - terms.shape[1], []
+    for k in range(len(NAMES)):
+        without = np.delete(terms, [1 + 2 * k, 2 + 2 * k], axis=1)
+        rest = runs.log - without @ np.linalg.lstsq(without, runs.log, rcond=None)[0]
+        p.append(f_law.sf(((rest**2).sum() - residual) / 2 / (residual / free), 2, free))
+    return np.array(p)
+
+
+def test_where_factors_act_together_those_that_do_nothing_are_found_as_often_as_chance_finds_them():
+    designs = [_acting_together(generator(k, "grey together")) for k in range(30)]
+    none = [1, 2, 3, 5, 6, 8, 9, 11]
+    p = np.array([grey_rankings.anova_table(runs, 99)["p"].to_numpy()[none] for runs in designs])
+    for level in (0.05, 0.2, 0.5):
+        assert abs((p <= level).mean() - level) < 4 * np.sqrt(level * (1 - level) / p.size)
+    independent = np.array([_f_test(runs)[none] for runs in designs])
+    assert (independent <= 0.05).mean() > 0.2  # what the runs of a base row share makes an F test find nothing's effect
+
+
+def test_a_shuffle_explains_as_much_as_a_regression_on_it_does():
+    runs = _runs(8, 0.3)
+    terms, _, residual = grey_rankings._regression(runs)
+    without = np.delete(terms, 3, axis=1)
+    basis = grey_rankings._basis(without)
+    rest = runs.log - without @ np.linalg.lstsq(without, runs.log, rcond=None)[0]
+    gain = grey_rankings._gains(basis, rest, terms[None][:, :, [3]])
+    assert gain == pytest.approx((rest**2).sum() - residual, rel=1e-9)
 
 
 def test_kendalls_tau_is_that_of_scipy_with_and_without_ties():
@@ -191,16 +250,58 @@ def test_samples_from_a_population_have_its_law_and_are_judged_by_its_sigma():
     assert rows.loc["grey, largest gap", "mean_covered_2"] < 0.9
 
 
+def test_normal_errors_are_described_as_normal_whatever_their_number():
+    rng = generator(6, "population")
+    for m in (5, 60):
+        errors = 0.02 * rng.normal(size=(m, 400)) + 0.01 * rng.normal(size=400)
+        skewness, excess, _ = grey_page_samples.shape(grey_page_samples.populations(errors)[grey_page_samples.DOT])
+        assert abs(skewness) < 0.15 and abs(excess) < 0.4
+        assert grey_page_samples._scatter_and_bias(errors) == pytest.approx((0.02, 0.01), rel=0.15)
+        assert grey_page_samples._scatter_and_bias(errors - errors.mean(axis=0))[1] == 0
+
+
+def test_errors_are_called_unlike_normal_ones_only_where_they_are(short):
+    rng = generator(7, "population")
+    judged = {name: _sentences_of(errors) for name, errors in {
+        "normal": 0.02 * rng.normal(size=(12, 60)),
+        "Laplace": 0.02 * rng.laplace(size=(12, 60)),
+        "uniform": 0.02 * rng.uniform(-1, 1, size=(12, 60)),
+        "biased": 0.02 * rng.normal(size=(12, 60)) + 0.03 * (-1.0) ** np.arange(60),
+    }.items()}  # fmt: skip
+    assert "cannot be told from them" in judged["normal"] and "cannot be told from nothing" in judged["normal"]
+    assert "heavier tails" in judged["Laplace"] and "lighter tails" in judged["uniform"]
+    assert "cannot be told from them" in judged["biased"]
+    assert re.search(r"A dot's own bias is 1\.[3-6]", judged["biased"])
+
+
+def _sentences_of(errors: np.ndarray) -> str:
+    half = errors.shape[1] // 2
+    rows = [
+        {"part": "exposures", "centroid": "forward_model", "exposure": e, "station": 0, "mark": m,
+         "error_x_px": errors[e, m], "error_y_px": errors[e, half + m]}
+        for e in range(len(errors)) for m in range(half)
+    ]  # fmt: skip
+    (sentence,) = [words for words in grey_page_samples.read_samples(pd.DataFrame(rows)).sentences
+                   if "one dot, many images" in words]  # fmt: skip
+    return sentence
+
+
 def _read(rows: pd.DataFrame) -> Findings:
     return grey_page.read(pd.concat([_samples(), rows], ignore_index=True))
 
 
+def _sound(findings: Findings) -> None:
+    """Words without holes, and figures that JSON knows."""
+    for words in (findings.verdict, *findings.sentences):
+        assert words and not re.search(r"\b(nan|inf|None)\b", words), words
+    json.dumps(plain(findings.figures), allow_nan=False)
+
+
 @pytest.fixture()
 def short(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    from testfield.study import grey_page_relations
-
     monkeypatch.setattr(grey_page_relations, "BOOTSTRAPS", 20)
     monkeypatch.setattr(grey_page_relations, "ORDERS", 5)
+    monkeypatch.setattr(grey_page_samples, "ALIKE", 40)
     monkeypatch.setattr(grey_samples, "PIVOTS", 2000)
     grey_samples.pivots.cache_clear()
     yield
@@ -208,12 +309,13 @@ def short(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 
 def test_the_page_says_what_the_runs_say_and_counts_what_is_lost(short, tmp_path: Path):
-    rows = _rows(8, 0.05)
+    rows = _rows(16, 0.05)
     hit = rows.index[rows["run"] == "design 20"]
     rows.loc[hit, "rmse_mm"], rows.loc[hit, "lost"] = np.nan, "no image shows the board"
     findings = _read(rows)
+    _sound(findings)
     relations = findings.figures["grey relational analysis"]
-    assert relations["runs"] == 8 * 14 and relations["lost runs"] == 1
+    assert relations["runs"] == 16 * 14 and relations["lost runs"] == 1
     assert "1 could not be measured, 14 were left out with their base rows" in " ".join(findings.sentences)
     assert "bow of the board, um" in relations["acting factors"] and DUMMY not in relations["acting factors"]
     assert relations["Deng's lowest degree"] > 1 / 3
@@ -222,10 +324,69 @@ def test_the_page_says_what_the_runs_say_and_counts_what_is_lost(short, tmp_path
         assert (tmp_path / f"{name}.svg").stat().st_size > 5000 and (tmp_path / f"{name}.csv").is_file()
 
 
+def test_a_design_of_few_base_rows_judges_nothing(short, tmp_path: Path):
+    findings = _read(_rows(4, 0.05))
+    _sound(findings)
+    assert "This design cannot judge grey relational analysis, for 4 base rows are too few" in findings.verdict
+    assert "4 base rows, which of so few is no 95 % interval" in " ".join(t.note for t in findings.tables)
+    assert findings.figures["grey relational analysis"]["acting factors"] == []
+    write_page(grey_page.STUDY, findings, [], tmp_path, True)
+
+
 def test_a_design_of_which_nothing_was_measured_is_said_to_be_so(short):
     rows = _rows(4, 0.05)
     rows["rmse_mm"], rows["lost"] = np.nan, "no image shows the board"
-    assert "No base row of the design is whole (no image shows the board)" in _read(rows).verdict
+    findings = _read(rows)
+    _sound(findings)
+    assert "No base row of the design is whole (no image shows the board)" in findings.verdict
+    assert "72 of its runs could not be measured" in findings.sentences[-1]
+
+
+SO_FAR = {
+    "none": lambda rows: rows["part"] == "",
+    "one law, not the normal one": lambda rows: rows["law"] == "Laplace",
+    "the normal law": lambda rows: rows["law"] == "normal",
+    "all laws but one": lambda rows: (rows["part"] == "law") & (rows["law"] != "uniform"),
+    "laws": lambda rows: rows["part"] == "law",
+    "laws and two exposures": lambda rows: (rows["part"] == "law") | (rows["exposure"] < 2),
+    "laws and exposures": lambda rows: rows["part"] != "runs",
+    "one estimator's exposures": lambda rows: rows["centroid"] == "forward_model",
+    "no laws": lambda rows: rows["part"] != "law",
+    "runs": lambda rows: rows["part"] == "runs",
+    "one run": lambda rows: rows["run"] == "design 0",
+    "two base rows": lambda rows: (rows["set"] == "design") & (rows["base"] < 2),
+    "the design and half a sweep": lambda rows: (rows["set"] == "design") | (rows["block"] == NAMES[0]),
+    "the sweeps": lambda rows: rows["set"] == "sweep",
+    "all but one run of a sweep": lambda rows: rows["run"] != f"sweep {DUMMY} 1 0",
+}
+
+
+@pytest.mark.parametrize("name", SO_FAR)
+def test_a_study_that_is_not_finished_says_what_there_is_and_no_more(name, short, tmp_path: Path):
+    rows = pd.concat([_samples(), _rows(4, 0.05)], ignore_index=True)
+    rows = rows[SO_FAR[name](rows)].dropna(axis=1, how="all").reset_index(drop=True)
+    if name == "none":
+        rows = pd.DataFrame(columns=["part", "law", "centroid", "first exposure", "picture"])  # all cases failed
+    findings = grey_page.read(rows)
+    _sound(findings)
+    write_page(grey_page.STUDY, findings, [], tmp_path, True, "1 of 9")
+    parts = set(rows["part"])
+    assert ("Of the grey uncertainty nothing" in findings.verdict) == (not parts & {"law", "exposures"})
+    assert ("Of grey relational analysis nothing" in findings.verdict) == ("runs" not in parts)
+    has_slopes = any("so much is noise" in words for words in findings.sentences)
+    assert has_slopes == (name in ("no laws", "runs", "the sweeps"))
+
+
+@pytest.mark.slow
+def test_the_quick_study_runs_from_end_to_end(tmp_path: Path):
+    findings = run_study(grey_page.STUDY, tmp_path, True, 2)
+    _sound(findings)
+    table = pd.read_parquet(tmp_path / "results.parquet")
+    assert set(table["part"]) == {"law", "exposures", "runs"} and "failure" not in table
+    assert (table.loc[table["part"] == "runs", "lost"] == "").all()
+    assert "This design cannot judge grey relational analysis" in findings.verdict
+    assert (tmp_path / "report.html").stat().st_size > 100_000
+    assert json.loads((tmp_path / "findings.json").read_text())["failed"] == 0
 
 
 def test_a_rendered_run_gives_its_error_and_a_hopeless_one_its_reason(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -245,5 +406,5 @@ def test_a_rendered_run_gives_its_error_and_a_hopeless_one_its_reason(tmp_path: 
         raise TestfieldError("no image shows the board", "observations.parquet")
 
     monkeypatch.setattr("testfield.study.grey_runs.reexposed", blind)
-    bad = do_case(replace(case, options={"runs": case.options["runs"][:1]}), tmp_path)[0]
+    bad = do_case(replace(case, options=case.options | {"runs": case.options["runs"][:1]}), tmp_path)[0]
     assert np.isnan(bad["rmse_mm"]) and "no image shows the board" in bad["lost"]

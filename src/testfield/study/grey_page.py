@@ -9,7 +9,7 @@ from testfield.study.study import Findings, Study
 
 
 def read(table: pd.DataFrame) -> Findings:
-    """Both halves of the claim, one after the other."""
+    """Both halves of the claim, one after the other; each says so where nothing of it is there yet."""
     first, second = read_samples(table), read_relations(table)
     return Findings(
         f"{first.verdict} {second.verdict}",

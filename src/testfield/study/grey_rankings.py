@@ -5,8 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
-from scipy.stats import f as f_law
-from scipy.stats import rankdata
+from scipy.stats import rankdata, t
 
 from testfield.seeds import generator
 from testfield.study.grey_factors import DUMMY, FACTORS, NAMES
@@ -15,7 +14,9 @@ from testfield.uncertainty import grey_relations as relations
 ENOUGH = 200
 """Runs for a regression of second degree."""
 ACTS_P = 0.001
-"""A factor acts where the analysis of variance says that chance gives as much in less than this part of cases."""
+"""A factor acts where its terms explain as much in less than this part of shuffles."""
+SHUFFLED = 500
+"""Shuffles at once."""
 
 
 @dataclass(frozen=True)
@@ -74,17 +75,49 @@ def anova_shares(runs: Runs) -> np.ndarray:
     return shares @ [1 / 3, 1 / 5][: shares.shape[1]] / runs.log.var(ddof=1)
 
 
-def anova_table(runs: Runs) -> pd.DataFrame:
-    """Shares, and the probability that chance alone gives as much (F test of a factor's terms, entered last)."""
-    terms, _, residual = _regression(runs)
-    free, each = len(terms) - terms.shape[1], (terms.shape[1] - 1) // len(FACTORS)
+def anova_table(runs: Runs, shuffles: int = 5000) -> pd.DataFrame:
+    """Shares, and `p`: in what part of shuffles of a factor its terms, entered last, explain as much as they do.
+
+    The runs of a base row share coordinates, so where factors act together their residuals are not independent, and an
+    F test finds factors that do nothing. A shuffle therefore deals a factor's two levels of each base row, A's and B's,
+    to the base rows anew and leaves everything else: of a factor that does nothing every shuffle is as likely.
+    """
+    terms, *_ = _regression(runs)
+    blocks, each = len(FACTORS) + 2, (terms.shape[1] - 1) // len(FACTORS)
+    rows = len(terms) // blocks
     p = []
-    for k in range(len(FACTORS)):
-        without = np.delete(terms, 1 + each * k + np.arange(each), axis=1)
-        rest = runs.log - without @ np.linalg.lstsq(without, runs.log, rcond=None)[0]
-        gain = ((rest**2).sum() - residual) / each
-        p.append(float(f_law.sf(gain / (residual / free), each, free)))
+    for k, name in enumerate(NAMES):
+        own = 1 + each * k + np.arange(each)
+        basis = _basis(np.delete(terms, own, axis=1))
+        y = _rest(basis, runs.log[:, None])[:, 0]
+        by_row = terms[:, own].reshape(rows, blocks, each)
+        rng = generator(0, f"grey shuffles/{name}")
+        gains: list[float] = []
+        for first in range(0, shuffles, SHUFFLED):
+            orders = np.array([rng.permutation(rows) for _ in range(min(SHUFFLED, shuffles - first))])
+            gains += _gains(basis, y, by_row[orders].reshape(len(orders), -1, each)).tolist()
+        here = _gains(basis, y, terms[None][:, :, own])[0]
+        p.append((1 + int((np.array(gains) >= here * (1 - 1e-9)).sum())) / (1 + shuffles))
     return pd.DataFrame({"factor": NAMES, "share": anova_shares(runs), "p": p})
+
+
+def _basis(terms: np.ndarray) -> np.ndarray:
+    """(n, r) orthonormal basis of the terms' space."""
+    u, s, _ = np.linalg.svd(terms, full_matrices=False)
+    return u[:, s > 1e-10 * s[0]]
+
+
+def _rest(basis: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """(..., n, e) what a basis (n, r) does not explain of values (..., n, e)."""
+    return values - basis @ (basis.T @ values)
+
+
+def _gains(basis: np.ndarray, y: np.ndarray, own: np.ndarray) -> np.ndarray:
+    """(s,) by how much terms (s, n, e) lessen the sum of squares of y (n,), which is free of the basis already."""
+    own = _rest(basis, own)
+    toward = (own * y[:, None]).sum(axis=1)
+    square = own.swapaxes(1, 2) @ own
+    return np.einsum("se,sef,sf->s", toward, np.linalg.pinv(square, rcond=1e-10, hermitian=True), toward)
 
 
 def explained(runs: Runs) -> float:
@@ -169,8 +202,8 @@ def agreement(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 
 def acting_factors(tested: pd.DataFrame, again: np.ndarray) -> np.ndarray:
-    """(d,) which factors act beyond doubt: chance gives as much in less than ACTS_P of cases, and analysis of variance
-    puts them before the dummy in 97.5 % of its bootstraps `again` (k, d)."""
+    """(d,) which factors act: `p` is less than ACTS_P, and analysis of variance puts them before the dummy in 97.5 % of
+    its bootstraps `again` (k, d)."""
     dummy = NAMES.index(DUMMY)
     before = (again > again[:, [dummy]]).mean(axis=0) >= 0.975
     acts = (tested["p"].to_numpy() < ACTS_P) & before
@@ -247,8 +280,8 @@ def turned_round(runs: Runs) -> pd.DataFrame:
 
 def sweep_table(sweep: pd.DataFrame) -> pd.DataFrame:
     """Sweeps of one factor at a time, every level measured as often as every other: by how much ln RMSE changes from
-    one end to the other on a straight line, its standard uncertainty `u` from the scatter of runs at the same level
-    (NaN where no level was repeated), and the degrees of each sweep.
+    one end to the other on a straight line, its standard uncertainty `u` from the scatter of runs at the same level,
+    the half width `u95` of its 95 % interval (both NaN where no level was repeated), and the degrees of each sweep.
 
     Grey degrees get each level's RMSE over its runs. Deng's least and largest differences are taken over all sweeps
     together, as published analyses do.
@@ -264,8 +297,9 @@ def sweep_table(sweep: pd.DataFrame) -> pd.DataFrame:
         within = float(log.var(axis=1).sum() * log.shape[1] / free) if free else np.nan
         errors.append(np.sqrt(np.exp(2 * log).mean(axis=1)))
         levels.append(sequences(unit)[k])
-        rows.append({"factor": name, "change of ln RMSE": float(place @ log.sum(axis=1) / square),
-                     "u": float(np.sqrt(within / square))})  # fmt: skip
+        u = float(np.sqrt(within / square))
+        rows.append({"factor": name, "change of ln RMSE": float(place @ log.sum(axis=1) / square), "u": u,
+                     "u95": u * float(t.ppf(0.975, free)) if free else np.nan})  # fmt: skip
     table = pd.DataFrame(rows)
     y, x = relations.mean_image(np.array(errors)), relations.mean_image(np.array(levels))
     table["Deng"] = relations.deng(np.zeros(y.shape[1]), x - y)
