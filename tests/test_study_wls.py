@@ -460,6 +460,6 @@ def test_the_quick_study_says_what_its_table_says(tmp_path: Path) -> None:
     # Exact calibration, spread ranges: the gain is what the covariances say, few cameras or many.
     cell = cells(rows)
     wls = cell[(cell["method"] == "parametric_wls") & (cell["ranges"] == "spread") & (cell["calibration"] == "exact")]
-    assert (wls["gain"] / wls["gain_predicted"]).to_numpy() == pytest.approx(1, abs=0.1)
+    assert (wls["gain"] / wls["gain_predicted"]).to_numpy() == pytest.approx(1, abs=0.15)
     assert found.figures["verdict"] in ("holds", "holds in part", "not told")
     assert found.figures["nees_claiming_pixels"][1] > 4 > 3 > found.figures["nees_claiming_sandwich"][1]
