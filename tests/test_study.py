@@ -96,7 +96,7 @@ def test_a_study_of_which_all_cases_fail_says_why_the_first_did(tmp_path: Path) 
 
 
 def test_a_case_is_done_again_when_an_algorithm_that_is_found_by_name_has_changed(monkeypatch) -> None:
-    case = Case({}, "testfield.study.stitching:measure_field")
+    case = Case({}, "testfield.study.stitching.experiment:measure_field")
     before, asked = run_cases_module.case_key(case), []
     monkeypatch.setattr(run_cases_module, "code_digest", lambda *modules, **_: asked.extend(modules) or "other")
     assert run_cases_module.case_key(case) != before
@@ -104,7 +104,7 @@ def test_a_case_is_done_again_when_an_algorithm_that_is_found_by_name_has_change
 
 
 def test_rewording_a_page_throws_no_case_away() -> None:
-    used = sources(("testfield.study.stitching",), ("testfield.report", "testfield.certify"))
+    used = sources(("testfield.study.stitching.experiment",), ("testfield.report", "testfield.certify"))
     assert not {"report", "certify"} & {path.parent.name for path in used}
     assert {"render", "detect", "calibrate"} <= {path.parent.name for path in used}
 

@@ -27,7 +27,8 @@ from testfield.scene.truth import see
 from testfield.scene.world import World
 from testfield.score.scorecard import plain
 from testfield.study.study import Findings, run_study
-from testfield.study.wls import (
+from testfield.study.wls.cells import cells, ratio, told
+from testfield.study.wls.experiment import (
     EXPOSURES,
     KEPT_ERRORS,
     METHODS,
@@ -39,10 +40,9 @@ from testfield.study.wls import (
     observations_of,
     scored,
 )
-from testfield.study.wls_cells import cells, ratio, told
-from testfield.study.wls_field import FAR_MM, NEAR_MM, field_scene
-from testfield.study.wls_page import STUDY, read
-from testfield.study.wls_repeated import share
+from testfield.study.wls.field import FAR_MM, NEAR_MM, field_scene
+from testfield.study.wls.page import STUDY, read
+from testfield.study.wls.repeated import share
 
 NAMES = ["midpoint", "dlt", "dlt_p34", "parametric_wls", "gls", "ml", "bundle", "opencv"]
 

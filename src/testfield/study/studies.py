@@ -12,4 +12,4 @@ def find_study(name: str) -> Study:
     """The study of that name."""
     if name not in STUDIES:
         raise TestfieldError(f"no study is called '{name}'", "study", f"choose one of {', '.join(STUDIES)}")
-    return import_module(f"testfield.study.{name}_page").STUDY
+    return import_module(f"testfield.study.{name}.page").STUDY

@@ -1,0 +1,1 @@
+"""Accuracy from distances that share a vertex: a study."""

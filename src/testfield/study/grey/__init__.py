@@ -1,0 +1,1 @@
+"""Grey system theory: uncertainty of small samples, and what drives accuracy: a study."""

@@ -1,0 +1,1 @@
+"""The flexible stitched board: a study."""

@@ -1,0 +1,58 @@
+"""What the study on stitched boards found."""
+
+import pandas as pd
+
+from testfield.study.stitching.figures import draw_chain, draw_counts, draw_coverage, draw_faults
+from testfield.study.stitching.key_figures import figures_of
+from testfield.study.stitching.plan import CHAIN, LONG_CHAIN, cases
+from testfield.study.stitching.scenes import PITCH_MM
+from testfield.study.stitching.summary import counts_of, cuts_of, faults_of, links_of, named, rows_of
+from testfield.study.stitching.tables import tables_of
+from testfield.study.stitching.verdict import verdict
+from testfield.study.stitching.words import sentences
+from testfield.study.study import Findings, Plot, Study
+
+CLAIM = (
+    "Small two-dimensional boards, placed freely and joined through their coded targets, make one large virtual board: "
+    "they are stitched without errors, and calibrate a camera as a full-size board would."
+)
+
+
+def read(table: pd.DataFrame) -> Findings:
+    """Verdict, answers, tables and figures from the rows of the cases that are done."""
+    rows = rows_of(table)
+    fields = named(rows[rows["experiment"] != "chain"])
+    counts, cuts, faults = counts_of(fields), cuts_of(fields), faults_of(fields)
+    links = links_of(rows[rows["experiment"] == "chain"])
+    figures = figures_of(counts, cuts, faults, links, rows)
+    short, long = links[links["boards"] == CHAIN], links[links["boards"] == LONG_CHAIN]
+    everywhere = counts[counts["quantity"] == "corner_px"].rename(columns={"target": "name"})
+    plots = [
+        Plot("stitching_counts", "How many boards, and against whom",
+             "Medians over worlds; bars are the medians' 95 % intervals (of fewer than six worlds, their range). Lines "
+             "and full marks: pixels drawn at the physical bound. Open marks, and ChArUco: rendered images. "
+             "Horizontal: one board shown all over the image from close by.", counts, draw_counts, (9.6, 4.2), 2),
+        Plot("stitching_chain", "How errors grow along a chain",
+             f"Boards of a row {PITCH_MM:.0f} mm apart; bars are 95 % intervals of the rms. The law takes the scatter "
+             "of links from the same worlds and knows nothing of the boards' print errors.",
+             short, draw_chain, (9.6, 7.2), 2, 2),
+        Plot("stitching_faults", "Bent boards, and boards with a scale of their own",
+             "Six planned boards, whose sheets know nothing of it. The full-size board is bent with the same "
+             "curvature, so its bow is 25 times as large. Open marks: rendered "
+             "images.", faults, draw_faults, (9.6, 3.8), 2),
+        Plot("stitching_coverage", "How much of the image must be covered",
+             "Left: twelve planned boards, observations outside the middle of the image left out, against as many "
+             "drawn from all over it. Right: every field of the study, drawn pixels.",
+             pd.concat([cuts.assign(what="cut"), everywhere[everywhere["evidence"] == "drawn"].assign(what="field")]),
+             draw_coverage, (9.6, 3.8), 2),
+    ]  # fmt: skip
+    if len(long):
+        title, caption = f"The same with {LONG_CHAIN} boards", "As above; drawn pixels only."
+        plots.insert(2, Plot("stitching_long_chain", title, caption, long, draw_chain, (9.6, 7.2), 2, 2))
+    there = {"stitching_counts": counts, "stitching_chain": short, "stitching_faults": faults,
+             "stitching_coverage": cuts}  # fmt: skip
+    plots = [plot for plot in plots if len(there.get(plot.name, long))]
+    return Findings(verdict(figures), sentences(figures), tables_of(counts, links, faults, cuts), plots, figures)
+
+
+STUDY = Study("stitching", "The flexible stitched board", CLAIM, cases, read)

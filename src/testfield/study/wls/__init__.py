@@ -1,0 +1,1 @@
+"""Weighted least squares by parametric equations: a study."""

@@ -1,0 +1,230 @@
+"""Study `wls`: what its table says of the claim."""
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from testfield.errors import TestfieldError
+from testfield.study.study import Findings, Plot, Study, Table
+from testfield.study.wls.cells import CELL, OLS, SAME, WLS, cells, compare
+from testfield.study.wls.experiment import cases
+from testfield.study.wls.figures import SHOWN_AS_GAIN, draw_claims, draw_gain, draw_rmse
+from testfield.study.wls.words import FEW, MANY, SEVERAL, answers, law_holds, of, remarks, span
+
+CLAIM = (
+    "Weighted least squares by parametric equations is better than ordinary least squares with few cameras, and not "
+    "worse with many."
+)
+
+
+def read(table: pd.DataFrame) -> Findings:
+    """Verdict, answers, tables and plots: what can be said of the rows that there are."""
+    try:
+        found = cells(table)
+    except TestfieldError as error:
+        return Findings(f"Not judged: {error.what}.", [], figures={"verdict": "not judged"})
+    verdict, status = judge(found)
+    tables = [_gain_table(found), _claim_table(found), _repeated_table(found), _all_methods(found)]
+    return Findings(
+        verdict, [*answers(found, table), *remarks(found, table)], [table for table in tables if len(table.frame)],
+        _plots(found), {"verdict": status} | _figures(found),
+    )  # fmt: skip
+
+
+def judge(found: pd.DataFrame) -> tuple[str, str]:
+    """The verdict in a sentence, and in a word: holds, holds in part, fails, not told, not judged."""
+    wls = found[(found["method"] == WLS) & found["gain"].notna()]
+    wls = wls.assign(word=[compare(row) for row in wls.itertuples()])
+    few, many = wls[wls["cameras"] <= FEW], wls[wls["cameras"] >= MANY]
+    missing = [
+        f"{name} cameras at spread ranges with the calibration {kind}"
+        for kind in ("exact", "estimated")
+        for name, part in (("few", few), ("many", many))
+        if of(part, calibration=kind, ranges="spread").empty
+    ]
+    told = "; ".join(_counted(wls, kind) for kind in wls["calibration"].unique())
+    if missing:
+        return f"Not judged yet: {', '.join(missing)} {'are' if len(missing) > 1 else 'is'} missing." + (
+            f" So far, {told}." if told else ""
+        ), "not judged"
+    gained = of(few, ranges="spread")["word"]
+    harmed, unharmed = many["word"] == "worse", (many["gain_low"] > 1 - SAME) & (many["word"] != "worse")
+    if (gained == "better").all() and unharmed.all():
+        status, head = "holds", "The claim holds"
+    elif gained.isin(["worse", "equal"]).all() or harmed.mean() >= 0.5:
+        status, head = "fails", "The claim fails"
+    elif (gained == "better").any():
+        status, head = "holds in part", "The claim holds in part"
+    else:
+        status, head = "not told", "Whether the claim holds cannot be told"
+    best = of(found, calibration="estimated", ranges="spread", method="gls").dropna(subset="gain")
+    tail = ""
+    if len(best):
+        kept = of(wls, calibration="estimated", ranges="spread")
+        tail = (
+            f" Under an estimated calibration and spread ranges the thesis' weights gain {span(kept['gain'])}, those "
+            f"of GLS, which know what the cameras share, {span(best['gain'])}."
+        )
+    return f"{head}: {told}. Few are up to {FEW} cameras, many {MANY} and more.{tail}", status
+
+
+WORDS = {"better": "better", "equal": "no different", "worse": "worse", "untold": "not told apart"}
+
+
+def _counted(wls: pd.DataFrame, kind: str) -> str:
+    parts = []
+    for ranges in ("spread", "equal"):
+        part = of(wls, calibration=kind, ranges=ranges)
+        each = [
+            f"{_words(rows)} with {name}"
+            for name, rows in (
+                ("few cameras", part[part["cameras"] <= FEW]), ("many", part[part["cameras"] >= MANY]),
+            ) if len(rows)
+        ]  # fmt: skip
+        if each:
+            parts.append(f"at {ranges} ranges it is {' and '.join(each)}")
+    return f"with the calibration {kind}, " + ", ".join(parts)
+
+
+def _words(part: pd.DataFrame) -> str:
+    counts = {told: int((part["word"] == word).sum()) for word, told in WORDS.items()}
+    if max(counts.values()) == len(part):
+        return next(told for told, n in counts.items() if n == len(part))
+    return " and ".join(f"{told} in {n} of {len(part)} cells" for told, n in counts.items() if n)
+
+
+def _gain_table(found: pd.DataFrame) -> Table:
+    names = [OLS, WLS, "ml", "gls"]
+    wls = of(found, method=WLS).dropna(subset="gain").set_index(CELL)
+    rmse = {
+        f"{name} µm": 1e3 * of(found, method=name).set_index(CELL)["rmse_mm"].reindex(wls.index) for name in names
+    }  # fmt: skip
+    frame = pd.DataFrame({
+        "points": wls["points"], **rmse, "gain": wls["gain"],
+        "95 %": [_interval(a, b) for a, b in zip(wls["gain_low"], wls["gain_high"], strict=True)],
+        "predicted": wls["gain_predicted"],
+        "law": wls["law_noise"].where(law_holds(wls.reset_index()).to_numpy()),
+        "parametric_wls is": [WORDS[compare(row)] for row in wls.itertuples()],
+    }, index=wls.index).reset_index()  # fmt: skip
+    formats = {f"{name} µm": "{:.1f}" for name in names} | {"gain": "{:.3f}", "predicted": "{:.3f}", "law": "{:.2f}"}
+    return Table(
+        "When weighting pays", frame,
+        "RMSE a coordinate, and the gain of parametric_wls over the midpoint. The law of many cameras stands where it "
+        f"is meant: calibration exact, and weights that come to {SEVERAL:.0f} equal cameras or more.",
+        formats,
+    )  # fmt: skip
+
+
+def _claim_table(found: pd.DataFrame) -> Table:
+    claims = claims_of(found).dropna(subset="nees")
+    frame = claims.pivot_table(
+        index=["ranges", "noise", "claim"], columns="cameras", values="nees", observed=True, sort=False
+    ).reset_index()
+    frame.columns = [str(name) for name in frame.columns]
+    return Table(
+        "What each claim is worth", frame,
+        "NEES of single points a degree of freedom, in the frame of the first board, by number of cameras, calibration "
+        "estimated: 1 is a true claim.",
+        {str(n): "{:.2f}" for n in claims["cameras"].unique()},
+    )  # fmt: skip
+
+
+def _repeated_table(found: pd.DataFrame) -> Table:
+    rows = of(found, method="gls").dropna(subset="repeated")
+    share = rows["repeated"].astype(float).clip(lower=0, upper=1)
+    frame = pd.DataFrame({
+        **{name: rows[name] for name in CELL}, "exposures": rows["exposures"], "RMSE µm": 1e3 * rows["rmse_mm"],
+        "predicted µm": 1e3 * rows["predicted_mm"], "again µm": 1e3 * rows["rmse_mm"] * np.sqrt(share),
+        "scatter µm": 1e3 * rows["rmse_mm"] * np.sqrt(1 - share), "again, part of squares": rows["repeated"],
+        "95 %": [_interval(a, b) for a, b in zip(rows["repeated_low"], rows["repeated_high"], strict=True)],
+    })  # fmt: skip
+    return Table(
+        "What comes again in every exposure", frame,
+        "GLS: the part of the errors that is the same in all exposures of a scene, by products of errors of two "
+        "exposures, and the rest. Chance alone gives nought on average.",
+        {name: "{:.1f}" for name in frame if name.endswith("µm")} | {"again, part of squares": "{:.2f}"},
+    )  # fmt: skip
+
+
+def _interval(low: float, high: float) -> str:
+    return f"{low:.2f} – {high:.2f}" if np.isfinite([low, high]).all() else "–"
+
+
+def _all_methods(found: pd.DataFrame) -> Table:
+    frame = found.pivot_table(index=CELL, columns="method", values="rmse_mm", observed=True, sort=False)
+    frame = (1e3 * frame.reindex(columns=list(found["method"].unique()))).reset_index()
+    return Table(
+        "Every method", frame, "RMSE a coordinate in µm.", {name: "{:.1f}" for name in found["method"].unique()}
+    )
+
+
+def claims_of(found: pd.DataFrame) -> pd.DataFrame:
+    """NEES of single points by claim in the frame of the first board, calibration estimated."""
+    kinds = {
+        "pixels alone (ml)": ("ml", "nees_narrow"), "block-diagonal (parametric_wls)": (WLS, "nees_narrow"),
+        "sandwich (parametric_wls)": (WLS, "nees_frame"), "sandwich (gls)": ("gls", "nees_frame"),
+        "sandwich (bundle)": ("bundle", "nees_frame"),
+    }  # fmt: skip
+    parts = []
+    for claim, (method, column) in kinds.items():
+        rows = of(found, calibration="estimated", method=method)
+        values = {"nees": rows[column], "nees_low": rows[f"{column}_low"], "nees_high": rows[f"{column}_high"]}
+        parts.append(rows[["ranges", "noise", "cameras"]].assign(claim=claim, **values))
+    return pd.concat(parts, ignore_index=True)
+
+
+def _plots(found: pd.DataFrame) -> list[Plot]:
+    columns = [*CELL, "method"]
+    rmse = found[columns].assign(
+        rmse_um=1e3 * found["rmse_mm"], rmse_low_um=1e3 * found["rmse_mm_low"],
+        rmse_high_um=1e3 * found["rmse_mm_high"], predicted_um=1e3 * found["predicted_mm"],
+    )  # fmt: skip
+    gain = found[(found["ranges"] == "spread") & found["method"].isin(SHOWN_AS_GAIN) & found["gain"].notna()]
+    gain = gain.assign(law=gain["law_noise"].where(law_holds(gain)))
+    gain = gain[[*columns, "gain", "gain_low", "gain_high", "gain_predicted", "law"]]
+    size: dict[str, Any] = {"size_in": (7.6, 6.4), "columns": 2, "rows": 2}
+    plots = [
+        Plot(
+            f"rmse_{noise}", f"Error by number of cameras, {noise} noise",
+            "RMSE a coordinate with 95 % intervals; dashed, what each method's own covariance predicts.",
+            rmse[rmse["noise"] == noise], draw_rmse, **size,
+        )
+        for noise in rmse["noise"].unique()
+    ]  # fmt: skip
+    law = " The law of many cameras is drawn where it is meant." if gain["law"].notna().any() else ""
+    plots.append(
+        Plot(
+            "gain", "What weighting gains, ranges spread five times",
+            "RMSE of the midpoint over that of each method, with 95 % intervals; dashed, predicted by the covariances."
+            + law, gain, draw_gain, **size,
+        )
+    )  # fmt: skip
+    plots.append(
+        Plot(
+            "claims", "What claims are worth",
+            "NEES of single points under five claims, in the frame of the first board, calibration estimated; 1 is "
+            "true.",
+            claims_of(found).dropna(subset="nees"), draw_claims, **size,
+        )
+    )  # fmt: skip
+    return [plot for plot in plots if len(plot.data)]
+
+
+def _figures(found: pd.DataFrame) -> dict[str, Any]:
+    ends = {}
+    for kind in ("exact", "estimated"):
+        part = of(found, calibration=kind, ranges="spread", method=WLS)
+        ends[f"gain_{kind}_few"] = part[part["cameras"] <= FEW]["gain"]
+        ends[f"gain_{kind}_many"] = part[part["cameras"] >= MANY]["gain"]
+    estimated = of(found, calibration="estimated")
+    ends["gain_estimated_gls"] = of(estimated, ranges="spread", method="gls")["gain"]
+    ends["nees_claiming_pixels"] = of(estimated, method="ml")["nees_narrow"]
+    ends["nees_claiming_blocks"] = of(estimated, method=WLS)["nees_narrow"]
+    ends["nees_claiming_sandwich"] = of(estimated, method=WLS)["nees_frame"]
+    ends["wls_over_gls"] = of(estimated, method=WLS)["over_gls"]
+    ends["repeated_exact"] = of(found, calibration="exact", method="gls")["repeated"].astype(float)
+    return {name: [float(v.min()), float(v.max())] for name, v in ends.items() if v.notna().any()}
+
+
+STUDY = Study("wls", "Weighted least squares by parametric equations", CLAIM, cases, read)
