@@ -135,6 +135,7 @@ def one_second(case: Case, run: Run | None) -> list[dict[str, Any]]:
 
 def in_two_long_groups(folder: Path) -> None:
     """What the interrupted process does: two processes, 30 cases of a second each."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell may have its background jobs ignore it
     cases = [Case({"n": n}, f"{__name__}:one_second") for n in range(60)]
     keys = [run_cases_module.case_key(case) for case in cases]
     list(run_cases_module._done([list(range(30)), list(range(30, 60))], cases, keys, folder, 2))
@@ -148,7 +149,10 @@ def test_an_interrupt_ends_a_study_after_the_cases_at_hand(tmp_path: Path) -> No
     while not list(tmp_path.glob("cases/*.parquet")) and monotonic() < end:
         sleep(0.1)
     study.send_signal(signal.SIGINT)
-    study.wait(timeout=15)
+    try:
+        study.wait(timeout=30)
+    finally:
+        study.kill()
     kept = list(tmp_path.glob("cases/*.parquet"))
     assert study.returncode != 0 and 1 <= len(kept) <= 8
     assert all(pd.read_parquet(path) is not None for path in kept)
