@@ -5,6 +5,7 @@ module in the entry-point group `testfield.centroids`. Nothing here imports an a
 """
 
 from collections.abc import Callable
+from functools import lru_cache
 from importlib.metadata import entry_points
 from typing import TypeVar
 
@@ -32,10 +33,11 @@ def names(stage: str) -> list[str]:
     return sorted(announced | set(_registered[stage]))
 
 
-def own_modules() -> list[str]:
+@lru_cache
+def own_modules() -> tuple[str, ...]:
     """Names of this package's modules that announce an algorithm of any stage, sorted."""
     points = {point.module for stage in STAGES for point in entry_points(group=f"testfield.{stage}")}
-    return sorted(module for module in points if module.partition(".")[0] == "testfield")
+    return tuple(sorted(module for module in points if module.partition(".")[0] == "testfield"))
 
 
 def module_of(stage: str, name: str) -> str:

@@ -51,15 +51,17 @@ def run_cases(
     A case that fails with a `TestfieldError`, or on a singular matrix, gives one row that says why under `failure`; it
     is tried again by the next call. Any other error ends the study, with all finished cases kept.
     """
-    if so_far:
-        cases = finished(cases, folder)
     keys = [case_key(case) for case in cases]
+    kept = [_kept(folder, key) for key in keys]
+    if so_far:
+        there = [k for k, rows in enumerate(kept) if rows is not None]
+        cases, keys, kept = [cases[k] for k in there], [keys[k] for k in there], [kept[k] for k in there]
     repeated = len(keys) - len(set(keys))
     if repeated:
         raise TestfieldError(f"{repeated} case(s) occur twice", str(folder), "give each case labels of its own")
     todo: dict[str, list[int]] = {}
     for k, case in enumerate(cases):
-        if _kept(folder, keys[k]) is None:
+        if kept[k] is None:
             _file(folder, keys[k]).unlink(missing_ok=True)  # what is there cannot be read
             todo.setdefault(run_name(case) or f"case {k}", []).append(k)
     failed: dict[int, str] = {}
@@ -73,8 +75,8 @@ def run_cases(
                 failed[k] = reason
     tables = []
     for k, case in enumerate(cases):
-        found = pd.DataFrame([{FAILURE: failed[k]}]) if k in failed else _kept(folder, keys[k])
-        assert found is not None
+        found = pd.DataFrame([{FAILURE: failed[k]}]) if k in failed else kept[k]
+        found = pd.read_parquet(_file(folder, keys[k])) if found is None else found
         own = {name: value for name, value in case.labels.items() if name not in found}
         tables.append(pd.concat([pd.DataFrame(own, index=found.index), found], axis=1))
     table = pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
