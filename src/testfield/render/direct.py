@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from testfield.render.lookup import cell_of
 from testfield.render.variant import mitsuba
 from testfield.scene.world import AreaLight, World
 
@@ -218,13 +219,11 @@ class DirectLookup:
         import drjit as dr
 
         rows, columns = dr.gather(mi.UInt32, self.rows, panel), dr.gather(mi.UInt32, self.columns, panel)
-        x, y = dr.clip(uv.x, 0, 1) * mi.Float(columns), dr.clip(uv.y, 0, 1) * mi.Float(rows)
-        column, row = dr.minimum(mi.UInt32(x), columns - 1), dr.minimum(mi.UInt32(y), rows - 1)
+        # Tiles share their outermost nodes, so a tile of a row of tiles is an interval between its ends.
+        (column, x), (row, y) = cell_of(uv.x * mi.Float(columns), columns + 1), cell_of(uv.y * mi.Float(rows), rows + 1)
         tile = dr.gather(mi.UInt32, self.first, panel) + row * columns + column
         nodes = dr.gather(mi.UInt32, self.nodes, tile)
-        x, y = (x - mi.Float(column)) * mi.Float(nodes - 1), (y - mi.Float(row)) * mi.Float(nodes - 1)
-        i, j = dr.minimum(mi.UInt32(x), nodes - 2), dr.minimum(mi.UInt32(y), nodes - 2)
-        fx, fy = x - mi.Float(i), y - mi.Float(j)
+        (i, fx), (j, fy) = cell_of(x * mi.Float(nodes - 1), nodes), cell_of(y * mi.Float(nodes - 1), nodes)
         node = dr.gather(mi.UInt32, self.start, tile) + j * nodes + i
         a, b = (dr.gather(mi.Float, self.values, node + k) for k in (0, 1))
         c, d = (dr.gather(mi.Float, self.values, node + nodes + k) for k in (0, 1))
