@@ -96,10 +96,23 @@ class Frame:
 
 @dataclass(frozen=True)
 class Radiance:
-    """Radiance in W / (m^2 sr) averaged over each pixel: `values` (h, w) float32, from the `station` named."""
+    """Radiance in W / (m^2 sr) averaged over each pixel: `values` (h, w) float32, from the `station` named.
+
+    Raises `TestfieldError` where a value is no finite number: later stages could not tell.
+    """
 
     station: str
     values: np.ndarray
+
+    def __post_init__(self) -> None:
+        wrong = ~np.isfinite(self.values)
+        if wrong.any():
+            row, column = np.argwhere(wrong)[0]
+            raise TestfieldError(
+                f"the radiance of {wrong.sum()} pixels is no finite number, the first at x = {column}, y = {row}",
+                f"station {self.station}",
+                "report this, with the scene",
+            )
 
     def save(self, path: Path) -> None:
         """Write a one-channel float32 EXR."""
@@ -125,6 +138,10 @@ class Radiance:
 
         try:
             with OpenEXR.File(str(path)) as file:
-                return Radiance(file.header()["station"], np.array(file.channels()["Y"].pixels))
+                station, values = file.header()["station"], np.array(file.channels()["Y"].pixels)
         except (RuntimeError, ValueError, KeyError, OSError) as error:
             raise TestfieldError(f"not a readable radiance image ({error})", str(path), "render again") from error
+        try:
+            return Radiance(station, values)
+        except TestfieldError as error:
+            raise TestfieldError(f"{error.where}: {error.what}", str(path), "render again") from None

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from testfield.render.fetch import fetch
 from testfield.render.lookup import cell_of
 from testfield.render.variant import mitsuba
 from testfield.scene.world import AreaLight, World
@@ -195,7 +196,7 @@ def _visible_part(light: AreaLight, scene: Any, points_mm: np.ndarray, normals: 
         shadow = mi.Ray3f(mi.Point3f(origin), to * dr.rsqrt(d2), dr.sqrt(d2) * (1 - 1e-4), 0.0, mi.Color0f())
         lit = dr.select(scene.ray_test(shadow, weight > 0), 0, weight)
         dr.eval(lit, weight)
-        lit_sum, all_sum = (np.asarray(v).reshape(batch, rays).sum(axis=1, dtype=np.float64) for v in (lit, weight))
+        lit_sum, all_sum = (fetch(v).reshape(batch, rays).sum(axis=1, dtype=np.float64) for v in (lit, weight))
         fresh = min(batch, len(points_mm) - start)
         part[start : start + fresh] = (lit_sum / np.maximum(all_sum, 1e-300))[:fresh]
     return part

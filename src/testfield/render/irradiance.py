@@ -15,6 +15,7 @@ from numpy.polynomial import chebyshev
 
 from testfield.render.camera_plugin import opaque_float
 from testfield.render.direct import DirectLight, DirectLookup, compute_direct
+from testfield.render.fetch import fetch
 from testfield.render.lookup import cell_of
 from testfield.render.mesh_light import MeshLight, compute_mesh_light
 from testfield.render.stage import Stage
@@ -170,8 +171,7 @@ def _sample(
     hit = stage.scene.ray_intersect(ray)
     direct = dr.select(hit.is_valid() & stage.is_lamp(hit), hit.emitter(stage.scene).eval(hit)[0], 0)
     total = dr.pi * (radiance[0] - direct)
-    dr.eval(total)
-    return np.asarray(total).reshape(len(points), paths)
+    return fetch(total).reshape(len(points), paths)
 
 
 def _nodes(mean: np.ndarray, variance: np.ndarray) -> np.ndarray:

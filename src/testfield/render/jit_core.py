@@ -1,4 +1,4 @@
-"""What Dr.Jit's core library offers and its Python module does not: the processor for which kernels are made.
+"""What Dr.Jit's core library offers and its Python module does not, above all the processor that kernels are made for.
 
 `TESTFIELD_LLVM_TARGET` names it. A processor can make kernels for lesser ones of its kind, so one machine shows what
 others will do: vectors of another width, instructions that round or fail in other ways.
@@ -43,13 +43,13 @@ def _library() -> ctypes.CDLL:
     return ctypes.CDLL(str(next(folder / name for name in names if (folder / name).exists())))
 
 
-def _function(name: str, mangled: str, result: Any, *arguments: Any) -> Any:
+def core_function(name: str, mangled: str, result: Any, *arguments: Any) -> Any:
     """A function of the library, which exports some by their plain and some by their C++ name (Itanium ABI)."""
     library = _library()
     try:
         function = getattr(library, name, None) or library[f"_Z{len(name)}{name}{mangled}"]
     except AttributeError:
-        raise TestfieldError(f"this Dr.Jit has no {name}", VARIABLE, "unset it, or install Dr.Jit 1.1 to 1.5") from None
+        raise TestfieldError(f"this Dr.Jit has no {name}", str(library._name), "install Dr.Jit 1.5") from None
     function.restype, function.argtypes = result, arguments
     return function
 
@@ -66,19 +66,21 @@ def set_llvm_target(name: str) -> None:
     if missing:
         lacks = f"this processor lacks {', '.join(sorted(missing))}, which kernels for {name} use"
         raise TestfieldError(lacks, VARIABLE, "unset it")
-    set_target = _function("jit_llvm_set_target", "PKcS0_j", None, ctypes.c_char_p, ctypes.c_char_p, ctypes.c_uint32)
+    set_target = core_function(
+        "jit_llvm_set_target", "PKcS0_j", None, ctypes.c_char_p, ctypes.c_char_p, ctypes.c_uint32
+    )
     set_target(name.encode(), target.more.encode() or None, target.width)
 
 
 def llvm_target() -> tuple[str, int]:
     """The processor for which kernels are made, and the floats in one of its vectors."""
-    cpu = _function("jit_llvm_target_cpu", "v", ctypes.c_char_p)()
-    return (cpu or b"").decode(), int(_function("jit_llvm_vector_width", "v", ctypes.c_uint32)())
+    cpu = core_function("jit_llvm_target_cpu", "v", ctypes.c_char_p)()
+    return (cpu or b"").decode(), int(core_function("jit_llvm_vector_width", "v", ctypes.c_uint32)())
 
 
 def llvm_features() -> str:
     """What LLVM knows of the processor: `+sse4.2,-avx512f,...`; empty once another target is set."""
-    return (_function("jit_llvm_target_features", "v", ctypes.c_char_p)() or b"").decode()
+    return (core_function("jit_llvm_target_features", "v", ctypes.c_char_p)() or b"").decode()
 
 
 def wanted_llvm_target() -> str | None:

@@ -7,6 +7,7 @@ from pathlib import Path
 from types import ModuleType
 
 from testfield.errors import TestfieldError
+from testfield.render.fetch import listen
 from testfield.render.jit_core import VARIABLE, set_llvm_target, wanted_llvm_target
 from testfield.render.llvm import require_library, usable_library
 
@@ -35,9 +36,10 @@ def mitsuba() -> ModuleType:
     else:
         require_library()
         mi.set_variant("llvm_ad_mono")
+    listen()
     if target := wanted_llvm_target():
-        if not mi.variant().startswith("llvm"):
-            raise TestfieldError(f"the variant {mi.variant()} has no such target", VARIABLE, "unset it")
+        if "llvm" not in (mi.variant() or ""):
+            raise TestfieldError(f"{mi.variant()} is not made by LLVM", VARIABLE, "unset it")
         set_llvm_target(target)
     mi.set_log_level(mi.LogLevel.Error)
     return mi
