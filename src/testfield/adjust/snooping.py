@@ -9,9 +9,10 @@ left along H is then chi-squared with as many degrees of freedom as H keeps, if 
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import gammaln
 from scipy.stats import chi2 as chi_squared
 
-CONTROLLED = 1e-3
+CONTROLLED = 1e-10
 """Redundancy number below which a blunder is controlled by nothing: it would show nowhere."""
 TOLD_APART = 6.0
 """Difference of two test values below which one blunder is not told from another: odds of 20 to 1."""
@@ -70,7 +71,7 @@ def snoop(
         test = [_test(white, H, before) for H, before in zip(left, blunders, strict=True)]
         scatter = _scatter(test, kind)
         value = np.array([t.value for t in test]) / scatter
-        chance = np.array([chi_squared.logsf(v, t.rank) if t.rank else 0.0 for v, t in zip(value, test, strict=True)])
+        chance = np.array([_log_chance(v, t.rank) for v, t in zip(value, test, strict=True)])
         size = np.sqrt(np.maximum(value, 0))
         for k in [b.number for b in found]:
             chance[k] = 0.0
@@ -103,6 +104,15 @@ def _test(white: np.ndarray, H: np.ndarray, before: np.ndarray) -> _Test:
     kept = s**2 > CONTROLLED
     along = u[:, kept].T @ white
     return _Test(float(along @ along), int(kept.sum()), float(min((s**2).min(initial=1.0), 1.0)), u[:, kept])
+
+
+def _log_chance(value: float, rank: int) -> float:
+    """The logarithm of the chance of a larger chi-squared, also where the chance itself is too small for a number."""
+    if not rank:
+        return 0.0
+    if value < 500 + 10 * rank:
+        return float(chi_squared.logsf(value, rank))
+    return float(-value / 2 + (rank / 2 - 1) * np.log(value / 2) - gammaln(rank / 2))
 
 
 def _scatter(test: list[_Test], kind: list[str]) -> np.ndarray:

@@ -69,9 +69,26 @@ class _Misclosure:
     here_mm: dict[int, np.ndarray]
 
 
-def without_certificates(network: Network) -> Network:
-    """The network as the images alone have it."""
-    return replace(network, distances=Distances(), information=np.zeros_like(network.information))
+def without_certificates(network: Network, ties: Ties, certified: Certified) -> Network:
+    """The network as the images alone have it, at its present scale.
+
+    One distance holds that scale, as long as the network has it now: alone, it contradicts nothing.
+    """
+    place = {int(code): k for k, code in enumerate(ties.code)}
+    bars = [bar for bar in certified.bars if set(bar.codes) <= set(place)]
+    known = [c for c in certified.known if c in place]
+    free = replace(network, distances=Distances(), information=np.zeros_like(network.information))
+    if bars:
+        ends, u = [place[c] for c in bars[0].codes], bars[0].u_length_mm
+    elif len(known) >= 3:
+        at = network.point_mm[[place[c] for c in known]]
+        far = [int(np.argmax(np.linalg.norm(at - at[0], axis=1)))]
+        far.append(int(np.argmax(np.linalg.norm(at - at[far[0]], axis=1))))
+        ends, u = [place[known[k]] for k in far], float(certified.known[known[far[0]]][1].max())
+    else:
+        return free
+    length = float(np.linalg.norm(network.point_mm[ends[0]] - network.point_mm[ends[1]]))
+    return replace(free, distances=Distances(np.array([ends]), np.array([length]), np.array([u])))
 
 
 def tested(adjustment: Adjustment, ties: Ties, certified: Certified, scale_from: str) -> Tested:

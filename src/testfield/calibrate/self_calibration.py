@@ -21,6 +21,8 @@ from testfield.calibrate.certificates import Tested, attached, tested, without_c
 from testfield.calibrate.certified import Certified, in_datum
 from testfield.calibrate.finish import with_points
 from testfield.calibrate.loose_discs import disc_offsets
+from testfield.calibrate.quality import residual_test
+from testfield.calibrate.rejections import of_ties
 from testfield.calibrate.self_start import SQUARE, loose_network, start_from_nothing
 from testfield.calibrate.ties import LEAST_COMMON, LEAST_RAYS, Ties, coded_ties, largest_group, point_name
 from testfield.camera.interior import Interior
@@ -180,7 +182,8 @@ def settled(job: Job, hold: tuple[str, ...], empirical: bool) -> FreeNetwork:
 
     The images decide alone on their observations, so that no wrong certificate costs any; then on the certificates.
     """
-    job, adjustment = _settle(replace(job, network=without_certificates(job.network)))
+    free = without_certificates(job.network, job.ties, job.certified)
+    job, adjustment = _settle(replace(job, network=free))
     network, lens_notes = free_what_is_determined(job.network, job.ties.stations, hold)
     bare, adjustment = _settle(replace(job, network=network))
     held = tested(adjustment, bare.ties, bare.certified, bare.scale_from)
@@ -236,8 +239,11 @@ def _result(job: Job, adjustment: Adjustment, notes: tuple[str, ...], misfit: fl
         "self", network.interior, ties.stations, network.stations, (), Poses.identity(0), 1.0,
         adjustment.covariance[np.ix_(index, index)], tuple(labels[: len(index)]), adjustment.sigma0 * misfit,
         adjustment.freedom, float(np.sqrt(size2.mean())), len(network.xy_px), job.rejected, network.xy_px,
-        adjustment.residual_px, (), notes,
+        adjustment.residual_px, (), notes, test=residual_test(adjustment), certificates=held.records,
+        failures=held.failures,
     )  # fmt: skip
+    ends = {code: bar.name for bar in job.certified.bars for code in bar.codes}
+    calibration = of_ties(calibration, network.image, ties.code[network.point], ends)
     return FreeNetwork(
         calibration, ties.code[seen], network.point_mm[seen], adjustment.cov.points(seen), rays[seen], rms[seen],
         np.array([turned_down[int(c)] for c in ties.code[seen]], int), job.scale_from, job, adjustment,
@@ -429,8 +435,6 @@ def _without(job: Job, bad: np.ndarray, size: np.ndarray) -> Job:
     number[which] = np.arange(len(which))
     ends = number[network.distances.ends]
     whole = (ends >= 0).all(axis=1)
-    if not whole.all():
-        said.append(f"{int((~whole).sum())} distance(s) lost an end to rejected observations and are left out")
     network = replace(
         loose_network(ties, network.interior, poses, points, network.cameras[0]),
         known_mm=network.known_mm[which], information=network.information[which],
