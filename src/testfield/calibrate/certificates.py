@@ -156,7 +156,11 @@ def _in_doubt(network: Network, ties: Ties, known: dict[int, tuple[np.ndarray, n
     if off < allowed:
         return ""
     mirrored = middle(here * [-1, 1, 1]) < allowed
-    why = "they fit its mirror image (are x and y exchanged?)" if mirrored else "are they of other codes, or another field?"
+    why = (
+        "they fit its mirror image (are x and y exchanged?)"
+        if mirrored
+        else "are they of other codes, or another field?"
+    )
     return f"most certified places miss the network by {off:.3g} mm or more: {why}; none of them is used"
 
 
@@ -212,7 +216,9 @@ def _misclosure(
         scale[row] = length
         items.append(_Item(DISTANCE, k, _columns(q, slice(row, row + 1)), bar.name))
     if known and (bars or own is not None):
-        items.append(_Item(PLACES, 0, np.where(np.arange(q) < 3 * len(known), scale, 0)[:, None], "the certified places"))
+        items.append(
+            _Item(PLACES, 0, np.where(np.arange(q) < 3 * len(known), scale, 0)[:, None], "the certified places")
+        )
     if own is not None:
         # In thousandths, so that the row is of the size of the others.
         value[-1], own_cov[-1], scale[-1] = 1000 * (own / s - 1), (1000 * U_DIAMETER) ** 2, 1000
@@ -278,9 +284,7 @@ def _judged(
     found = [off.items[k].columns for k in dropped]
     scale = 1.0 if places else _scale(off, found)
     records = [_record(off.items[k], snooped.sigmas[k], dropped.get(k), off, bars) for k in range(len(off.items))]
-    return Tested(
-        tuple(left), places, scale, scale_from, tuple(r for r in records if r), tuple(notes), tuple(failures)
-    )
+    return Tested(tuple(left), places, scale, scale_from, tuple(r for r in records if r), tuple(notes), tuple(failures))
 
 
 def _scale(off: _Misclosure, blunders: list[np.ndarray]) -> float:
@@ -322,7 +326,9 @@ def _said(
         if not 1 / OTHER_UNIT < ratio < OTHER_UNIT:
             ratio = max(ratio, 1 / max(ratio, 1e-12))
             guess = f", in another unit or between other codes; {unit_of(ratio).rstrip('?')}"
-        return f"the distance '{bar.name}' ({bar.length_mm:g} mm) is {by:+.4g} mm off what the rest says ({sure}{guess})"
+        return (
+            f"the distance '{bar.name}' ({bar.length_mm:g} mm) is {by:+.4g} mm off what the rest says ({sure}{guess})"
+        )
     if item.kind == PLACE:
         xyz, _ = known[item.key]
         seen = xyz - blunder.amount if len(blunder.amount) == 3 else off.here_mm[item.key]

@@ -73,9 +73,7 @@ def judged(calibration: Calibration, rows: tuple[dict, ...]) -> Calibration:
     test = calibration.test
     if test:
         test = test | {"passed": bool(test["passed"]) and not failures}
-    return replace(
-        calibration, rejections=rows, failures=tuple(failures), notes=(*said, *calibration.notes), test=test
-    )
+    return replace(calibration, rejections=rows, failures=tuple(failures), notes=(*said, *calibration.notes), test=test)
 
 
 NAMES = {"board": "board", "station": "image", "camera": "camera", "certificate": "distance"}
@@ -100,6 +98,13 @@ def of_boards(calibration: Calibration, used: Observations, field: Field) -> Cal
     return judged(calibration, counted(kept, lost))
 
 
+def of_joints(calibration: Calibration) -> Calibration:
+    """The calibration of a method that rejects nothing itself, judged by what was turned down before it."""
+    kept = [_groups(joint["station"], joint["board"]) for joint in calibration.joints for _ in range(joint["marks"])]
+    lost = [_groups(r["station"], r["board"]) for r in calibration.rejected]
+    return judged(calibration, counted(kept, lost))
+
+
 def of_ties(calibration: Calibration, station: np.ndarray, code: np.ndarray, ends: dict[int, str]) -> Calibration:
     """A calibration without boards judged: the used sights' `station` (m,) and `code` (m,), and which code is an `end`
     of what certificate."""
@@ -109,7 +114,7 @@ def of_ties(calibration: Calibration, station: np.ndarray, code: np.ndarray, end
     return judged(calibration, counted(kept, lost))
 
 
-def _groups(station: str, board: str, certificate: str, camera: str = "") -> tuple[Group, ...]:
+def _groups(station: str, board: str, certificate: str = "", camera: str = "") -> tuple[Group, ...]:
     """The groups of one observation; there is one camera today, and its name is empty."""
     named = (("station", station), ("board", board), ("certificate", certificate), ("camera", camera))
     return tuple(Group(kind, name) for kind, name in named if name)
