@@ -10,6 +10,10 @@ from testfield.camera.interior import Interior
 from testfield.camera.pose import Poses
 from testfield.errors import speaking
 
+TUPLES = (
+    "station_names", "board_names", "labels", "rejected", "notes", "joints", "board_quality", "rejections",
+    "certificates", "failures",
+)  # fmt: skip
 ARRAYS = ("covariance", "residual_at_px", "residual_px", "point_code", "point_mm")
 
 
@@ -24,8 +28,9 @@ class Calibration:
     their pixels have had their say, and reconstruction takes them over. `sigma0` of the adjustment with
     `freedom`; `reprojection_rms_px` over `used` observations; `rejected` observations (station, board, x_px, y_px,
     size of the residual in standard deviations, why); `residual_px` (m, 2) observed minus adjusted at `residual_at_px`
-    (m, 2); `graph` edges (station, board, marks); `joints`, `board_quality` and `test` as in `quality`; `notes` for the
-    reader.
+    (m, 2); `graph` edges (station, board, marks); `joints`, `board_quality` and `test` as in `quality`; `rejections`
+    counted by group as in `rejections`; `certificates` tested, as in `certificates`; `failures`, sentences on what no
+    reader may overlook: with one of them the test is not passed; `notes` for the reader.
     """
 
     method: str
@@ -51,6 +56,9 @@ class Calibration:
     test: dict = field(default_factory=dict)
     point_code: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
     point_mm: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    rejections: tuple[dict, ...] = ()
+    certificates: tuple[dict, ...] = ()
+    failures: tuple[str, ...] = ()
 
     def index(self, names: list[str]) -> np.ndarray:
         """Places of the named unknowns in the covariance."""
@@ -84,7 +92,7 @@ class Calibration:
         data["stations"], data["boards"] = (_poses(data[key]) for key in ("stations", "boards"))
         data |= {key: np.array(data[key]) for key in ARRAYS}
         data["point_code"], data["point_mm"] = data["point_code"].astype(int), data["point_mm"].reshape(-1, 3)
-        for key in ("station_names", "board_names", "labels", "rejected", "notes", "joints", "board_quality"):
+        for key in TUPLES:
             data[key] = tuple(data.get(key, ()))
         data["graph"] = tuple(tuple(edge) for edge in data["graph"])
         return Calibration(**data)

@@ -10,6 +10,7 @@ from testfield.adjust.network import Camera, Distances, Network
 from testfield.calibrate.as_colmap import as_reconstruction, free_bundle
 from testfield.calibrate.calibration import Calibration
 from testfield.calibrate.quality import board_quality, joints, residual_test
+from testfield.calibrate.rejections import of_joints
 from testfield.calibrate.rows import rejection, usable_rows
 from testfield.calibrate.start import Start, starting_network
 from testfield.calibrate.views import AXES, OWN_WORD, evaluated
@@ -70,13 +71,14 @@ def colmap(
     boards, covariance, names = _with_boards(found, labels, start, owner, field.u_scale)
     seen = replace(found.network, point_board=owner[0])
     edges = joints(replace(found, network=seen), start.stations, start.boards)
-    return Calibration(
+    calibration = Calibration(
         "colmap", solved.interior, start.stations, found.network.stations, start.boards, boards, 1.0, covariance,
         names, found.sigma0, found.freedom, float(np.sqrt((found.residual_px**2).sum(axis=1).mean())),
         len(solved.xy_px), tuple(turned_down), solved.xy_px, found.residual_px,
         tuple((e["station"], e["board"], e["marks"]) for e in edges), tuple([*notes, OWN_WORD]), joints=edges,
         board_quality=board_quality(covariance, names, start.boards, edges), test=residual_test(found),
     )  # fmt: skip
+    return of_joints(calibration)
 
 
 def _loose(start: Start) -> tuple[Network, tuple[np.ndarray, np.ndarray]]:

@@ -11,6 +11,7 @@ from testfield.adjust.network import HELD, Camera, Distances, Images, Network, i
 from testfield.adjust.normal import NormalEquations
 from testfield.calibrate.calibration import Calibration
 from testfield.calibrate.quality import board_quality, joints, residual_test
+from testfield.calibrate.rejections import of_joints
 from testfield.calibrate.rows import rejection, usable_rows
 from testfield.calibrate.start import PINHOLE_LIKE, starting_network
 from testfield.calibrate.views import AXES, LEAST_VARIANCE_PX2, evaluated
@@ -97,13 +98,14 @@ def dlt(
         "the camera is a pinhole, the mean of the images' own, with the covariance of their eleven parameters; "
         "the stations' has its part and the pixels'; what is unknown of boards, and the discs' eccentricity, is in none"
     )
-    return Calibration(
+    calibration = Calibration(
         "dlt", interior, stations, found.network.stations, start.boards, found.network.boards, 1.0, covariance, names,
         found.sigma0, found.freedom, float(np.sqrt((found.residual_px**2).sum(axis=1).mean())), len(resected.xy_px),
         tuple(turned_down), resected.xy_px, found.residual_px,
         tuple((e["station"], e["board"], e["marks"]) for e in edges), tuple(notes), joints=edges,
         board_quality=board_quality(covariance, names, start.boards, edges), test=residual_test(found),
     )  # fmt: skip
+    return of_joints(calibration)
 
 
 def eleven_parameters(xyz_mm: np.ndarray, xy_px: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

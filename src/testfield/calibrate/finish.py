@@ -1,5 +1,8 @@
 """From an adjustment to the calibration that is handed on, with everything a reader should doubt."""
 
+from collections.abc import Callable
+from dataclasses import replace
+
 import numpy as np
 
 from testfield.adjust.bundle import Adjustment
@@ -7,11 +10,36 @@ from testfield.adjust.weakness import weak_unknowns
 from testfield.calibrate.calibration import Calibration, point_label
 from testfield.calibrate.doubts import geometric_doubts
 from testfield.calibrate.quality import board_quality, joints, residual_test
+from testfield.calibrate.rejections import of_boards
 from testfield.calibrate.rows import rejection
-from testfield.calibrate.settle import Settled
+from testfield.calibrate.settle import Settled, settled
 from testfield.calibrate.start import Start
 from testfield.detect.observations import Observations
 from testfield.targets.field import Field
+
+
+def calibrated(
+    method: str,
+    begin: Callable[[frozenset[int]], Start],
+    rows: Observations,
+    field: Field,
+    turned_down: list[dict],
+    notes: list[str],
+) -> Calibration:
+    """The calibration from the start that `begin` makes without some boards of the sheet: none at first, then those
+    whose sheets turn out to be wrong."""
+    left_out: frozenset[int] = frozenset()
+    failures: tuple[str, ...] = ()
+    records: tuple[dict, ...] = ()
+    while True:
+        start = begin(left_out)
+        found = settled(start, rows)
+        if found.wrong is None:
+            found = replace(found, failures=(*failures, *found.failures), certificates=(*records, *found.certificates))
+            return finished(method, found, start, rows, field, turned_down, notes)
+        failures, records = (*failures, *found.failures), (*records, *found.certificates)
+        wrong = [sheet.name for sheet in field.boards].index(start.boards[found.wrong])
+        left_out |= {wrong}
 
 
 def finished(
@@ -31,15 +59,16 @@ def finished(
     covariance, names = with_points(adjustment, network.labels(start.stations, start.boards), loose, codes)
     edges, test = joints(adjustment, start.stations, start.boards), residual_test(adjustment)
     misread = [rejection(rows, field, k, None, "misread: far from its board's homography") for k in start.gross]
-    return Calibration(
+    calibration = Calibration(
         method, network.interior, start.stations, network.stations, start.boards, network.boards, network.scale,
         covariance, names, adjustment.sigma0, adjustment.freedom,
         float(np.sqrt((adjustment.residual_px**2).sum(axis=1).mean())), len(network.xy_px),
         tuple(turned_down + misread + found.rejected), network.xy_px, adjustment.residual_px, start.graph,
         tuple(notes + start.notes + found.notes + doubts_of(adjustment, start, covariance, names, test)),
         joints=edges, board_quality=board_quality(covariance, names, start.boards, edges), test=test,
-        point_code=codes, point_mm=network.point_mm[loose],
+        point_code=codes, point_mm=network.point_mm[loose], certificates=found.certificates, failures=found.failures,
     )  # fmt: skip
+    return of_boards(calibration, rows.take(start.rows[found.left]), field)
 
 
 def with_points(

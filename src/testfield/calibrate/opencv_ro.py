@@ -8,6 +8,7 @@ from testfield.calibrate.calibration import Calibration
 from testfield.calibrate.edges import Edges, board_edges
 from testfield.calibrate.opencv import CRITERIA, NEEDED, camera_of, first_guess, flags_of, poses_of
 from testfield.calibrate.quality import board_quality, joints, residual_test
+from testfield.calibrate.rejections import of_joints
 from testfield.calibrate.rows import best_board, on_one_board, rejection, usable_rows
 from testfield.calibrate.views import OWN_WORD, evaluated
 from testfield.camera.pose import Poses
@@ -78,7 +79,7 @@ def opencv_ro(
     adjustment = evaluated(network, labels, int(free.sum()) + 6 * views + 3 * n - 7)
     seen_edges = joints(adjustment, stations, boards)
     notes += [f"only board '{sheet.name}' is used: {n} marks that {views} views have in common", OWN_WORD]
-    return Calibration(
+    calibration = Calibration(
         "opencv_ro", interior, stations, poses, boards, Poses.identity(1), 1.0, adjustment.covariance, tuple(labels),
         adjustment.sigma0, adjustment.freedom, float(np.sqrt((adjustment.residual_px**2).sum(axis=1).mean())),
         n * views, tuple(turned_down), network.xy_px, adjustment.residual_px,
@@ -86,6 +87,7 @@ def opencv_ro(
         board_quality=board_quality(adjustment.covariance, tuple(labels), boards, seen_edges),
         test=residual_test(adjustment),
     )  # fmt: skip
+    return of_joints(calibration)
 
 
 def _common(edges: Edges, rows: Observations) -> tuple[np.ndarray, np.ndarray]:

@@ -17,9 +17,12 @@ from testfield.adjust.normal import Factor
 from testfield.adjust.reliability import global_test, reliability
 from testfield.adjust.weakness import weak_unknowns
 from testfield.calibrate.calibration import Calibration
+from testfield.calibrate.certificates import Tested, attached, tested, without_certificates
 from testfield.calibrate.certified import Certified, in_datum
 from testfield.calibrate.finish import with_points
 from testfield.calibrate.loose_discs import disc_offsets
+from testfield.calibrate.quality import residual_test
+from testfield.calibrate.rejections import of_ties
 from testfield.calibrate.self_start import SQUARE, loose_network, start_from_nothing
 from testfield.calibrate.ties import LEAST_COMMON, LEAST_RAYS, Ties, coded_ties, largest_group, point_name
 from testfield.camera.interior import Interior
@@ -61,11 +64,16 @@ class FreeNetwork:
     job: "Job"
     adjustment: Adjustment
 
+    @property
+    def labels(self) -> list[str]:
+        """Names of the adjustment's unknowns."""
+        return replace(self.job, network=self.adjustment.network).labels
+
 
 @dataclass(frozen=True)
 class Job:
     """What is adjusted: `network`, its `ties` in the same order, `radius_mm` (n,) of the discs (NaN: none), `stations`
-    names; `rejected` records; `notes`."""
+    names; `rejected` records; `notes`; what is `certified`, tested or not."""
 
     network: Network
     ties: Ties
@@ -73,6 +81,7 @@ class Job:
     scale_from: str
     rejected: tuple[dict, ...]
     notes: tuple[str, ...]
+    certified: Certified = Certified()
 
     @property
     def labels(self) -> list[str]:
@@ -110,7 +119,7 @@ def self_calibration(
     found = free_network(ties, width_px, height_px, lens, hold, certified, notes=notes)
     loose = np.isin(found.code, list(field.loose))
     seen = found.adjustment.network.seen_points[loose]
-    covariance, labels = with_points(found.adjustment, found.job.labels, seen, found.code[loose])
+    covariance, labels = with_points(found.adjustment, found.labels, seen, found.code[loose])
     return replace(
         found.calibration, covariance=covariance, labels=labels, point_code=found.code[loose],
         point_mm=found.xyz_mm[loose],
@@ -164,16 +173,28 @@ def free_network(
     network = loose_network(ties, start.interior, poses, points, camera)
     network, _ = free_what_is_determined(network, ties.stations, hold)
     datum = in_datum(network, ties, certified or Certified(), images_of)
-    job = Job(datum.network, ties, datum.radius_mm, datum.scale_from, (), tuple(said) + datum.notes)
+    job = Job(datum.network, ties, datum.radius_mm, datum.scale_from, (), tuple(said) + datum.notes, datum.usable)
     return settled(job, hold, empirical)
 
 
 def settled(job: Job, hold: tuple[str, ...], empirical: bool) -> FreeNetwork:
-    """The final adjustment of a job: gross errors rejected, discs at rest, the lens asked once more."""
-    job, adjustment = _settle(job)
+    """The final adjustment of a job: gross errors rejected, discs at rest, the lens asked once more.
+
+    The images decide alone on their observations, so that no wrong certificate costs any; then on the certificates.
+    """
+    free = without_certificates(job.network, job.ties, job.certified)
+    job, adjustment = _settle(replace(job, network=free))
     network, lens_notes = free_what_is_determined(job.network, job.ties.stations, hold)
-    job, adjustment = _settle(replace(job, network=network))
-    notes = [*job.notes, *lens_notes, *_doubts(job, adjustment)]
+    bare, adjustment = _settle(replace(job, network=network))
+    held = tested(adjustment, bare.ties, bare.certified, bare.scale_from)
+    job = replace(bare, scale_from=held.scale_from)
+    if held.bars or held.known:
+        network, radius_mm = attached(bare.network, bare.ties, bare.radius_mm, held, bare.certified)
+        job, adjustment = _settle(replace(job, network=network, radius_mm=radius_mm), reject=False)
+    if held.known:  # places in space may tell of the lens what images of a plane do not
+        network, lens_notes = free_what_is_determined(job.network, job.ties.stations, hold)
+        job, adjustment = _settle(replace(job, network=network), reject=False)
+    notes = [*job.notes, *lens_notes, *held.notes, *_doubts(job, adjustment)]
     test, factor = global_test(adjustment), 1.0
     if empirical and test.variance > max(test.high, 1.0):
         factor = test.variance
@@ -183,7 +204,9 @@ def settled(job: Job, hold: tuple[str, ...], empirical: bool) -> FreeNetwork:
         )
         widened = replace(adjustment.network, cov_px2=factor * adjustment.network.cov_px2)
         adjustment = adjust(widened, job.labels)
-    return _result(job, adjustment, tuple(notes), np.sqrt(factor))
+    again = replace(job.network.cameras[0], u=bare.network.cameras[0].u, u_aspect=bare.network.cameras[0].u_aspect)
+    job = replace(job, network=replace(job.network, cameras=(again,)))
+    return _result(job, adjustment, tuple(notes), np.sqrt(factor), held)
 
 
 def _doubts(job: Job, adjustment: Adjustment) -> list[str]:
@@ -201,9 +224,9 @@ def _doubts(job: Job, adjustment: Adjustment) -> list[str]:
     return notes
 
 
-def _result(job: Job, adjustment: Adjustment, notes: tuple[str, ...], misfit: float) -> FreeNetwork:
+def _result(job: Job, adjustment: Adjustment, notes: tuple[str, ...], misfit: float, held: Tested) -> FreeNetwork:
     network, ties = adjustment.network, job.ties
-    labels = job.labels
+    labels = replace(job, network=network).labels
     index = np.arange(len(labels) - 3 * len(network.kept_points))
     seen = network.seen_points
     size2 = (adjustment.residual_px**2).sum(axis=1)
@@ -216,8 +239,11 @@ def _result(job: Job, adjustment: Adjustment, notes: tuple[str, ...], misfit: fl
         "self", network.interior, ties.stations, network.stations, (), Poses.identity(0), 1.0,
         adjustment.covariance[np.ix_(index, index)], tuple(labels[: len(index)]), adjustment.sigma0 * misfit,
         adjustment.freedom, float(np.sqrt(size2.mean())), len(network.xy_px), job.rejected, network.xy_px,
-        adjustment.residual_px, (), notes,
+        adjustment.residual_px, (), notes, test=residual_test(adjustment), certificates=held.records,
+        failures=held.failures,
     )  # fmt: skip
+    ends = {code: bar.name for bar in job.certified.bars for code in bar.codes}
+    calibration = of_ties(calibration, network.image, ties.code[network.point], ends)
     return FreeNetwork(
         calibration, ties.code[seen], network.point_mm[seen], adjustment.cov.points(seen), rays[seen], rms[seen],
         np.array([turned_down[int(c)] for c in ties.code[seen]], int), job.scale_from, job, adjustment,
@@ -362,7 +388,7 @@ def _why_held(group: tuple[str, ...], worse: list[str], u: dict[str, float], hel
 
 
 # ------------------------------------------------------------------ outliers, discs, and what is left
-def _settle(job: Job) -> tuple[Job, Adjustment]:
+def _settle(job: Job, reject: bool = True) -> tuple[Job, Adjustment]:
     """Adjust until nothing is rejected any more and the discs' offsets stand still."""
     job = _offset(job)
     for _ in range(ROUNDS):
@@ -372,7 +398,7 @@ def _settle(job: Job) -> tuple[Job, Adjustment]:
         size = size / max(float(np.median(size)) / 1.1774, 1.0)
         limit = np.sqrt(chi_squared.ppf(1 - FALSE_ALARM / len(size), 2))
         # A bad sight drags its neighbours along: only the worst go in one round.
-        bad = (size > limit) & (size > 0.5 * size.max())
+        bad = (size > limit) & (size > 0.5 * size.max()) & reject
         if bad.any():
             job = _without(job, bad, size)
             job = _offset(job)
@@ -409,15 +435,16 @@ def _without(job: Job, bad: np.ndarray, size: np.ndarray) -> Job:
     number[which] = np.arange(len(which))
     ends = number[network.distances.ends]
     whole = (ends >= 0).all(axis=1)
-    if not whole.all():
-        said.append(f"{int((~whole).sum())} distance(s) lost an end to rejected observations and are left out")
     network = replace(
         loose_network(ties, network.interior, poses, points, network.cameras[0]),
         known_mm=network.known_mm[which], information=network.information[which],
         distances=Distances(ends[whole], network.distances.length_mm[whole], network.distances.u_mm[whole]),
         images=Images.one_camera(len(stations)),
     )  # fmt: skip
-    return Job(network, ties, job.radius_mm[which], job.scale_from, job.rejected + tuple(records), tuple(said))
+    return replace(
+        job, network=network, ties=ties, radius_mm=job.radius_mm[which], rejected=job.rejected + tuple(records),
+        notes=tuple(said),
+    )  # fmt: skip
 
 
 def _of_images(ties: Ties, images: np.ndarray) -> Ties:

@@ -7,9 +7,19 @@ import numpy as np
 from testfield.adjust.bundle import Adjustment, adjust
 from testfield.adjust.network import Camera, Distances, Network, information_of
 from testfield.adjust.normals import target_normals
+from testfield.adjust.reliability import reliability
 from testfield.calibrate.doubts import geometric_doubts
+from testfield.calibrate.sheets import (
+    FEW,
+    SHAPE,
+    Suspect,
+    loosened,
+    stretch,
+    suspect,
+    tested_bars,
+    without_suspect,
+)
 from testfield.calibrate.start import Start
-from testfield.calibrate.units import bars_of_one_unit
 from testfield.camera.circle import disc_image
 from testfield.camera.project import project
 from testfield.camera.rays import meet
@@ -18,35 +28,56 @@ from testfield.errors import TestfieldError
 
 REJECT_SIGMA = 6.0
 """An observation is rejected whose residual is larger than this many of its own standard deviations."""
+STRETCHED = ("in x", "in y", "of shear")
 ROUNDS = 12
 SETTLED_PX = 1e-7
 
 
 @dataclass(frozen=True)
 class Settled:
-    """An adjustment, the records of observations `rejected` on the way, `notes` for the reader."""
+    """An adjustment, the records of observations `rejected` on the way, `notes` for the reader; the `left` of the
+    start's observations (an index); `certificates` tested and `failures` as in `Calibration`; a board whose sheet is
+    `wrong` (its place in the start, none otherwise), without which all must begin again."""
 
     adjustment: Adjustment
     rejected: list[dict]
     notes: list[str]
+    left: np.ndarray
+    certificates: tuple[dict, ...] = ()
+    failures: tuple[str, ...] = ()
+    wrong: int | None = None
 
 
 def settled(start: Start, rows: Observations) -> Settled:
     """Adjust a start: coarsely, then with everything, until nothing is rejected and the discs' offsets stand still.
 
-    Where the observations do not determine an unknown, the `TestfieldError` says which geometry is to blame.
+    Bars come last: they are tested against what images and sheets made of them. Where the observations do not determine
+    an unknown, the `TestfieldError` says which geometry is to blame.
     """
-    notes: list[str] = []
     discs = _Discs(rows.moments_px2[start.rows], start.radius_mm) if rows.centre_of_disc else None
     try:
         coarse = _coarse(start.network)
         found = adjust(coarse, coarse.labels(start.stations, start.boards))
-        network = bars_of_one_unit(_refined(start.network, found.network), start.bars, notes)
-        adjustment, rejected, doubts = _settle(network, discs, start)
+        network = replace(_refined(start.network, found.network), distances=Distances())
+        answer = _settle(network, discs, start, rows)
+        if answer.wrong is None and len(start.network.distances):
+            bars = tested_bars(answer.adjustment, start.network.distances, start.bars)
+            discs = discs.take(answer.left) if discs else None
+            adjustment, doubts = _at_rest(bars.network, discs, start)
+            answer = replace(
+                answer, adjustment=adjustment, certificates=(*answer.certificates, *bars.records),
+                failures=(*answer.failures, *bars.failures), notes=[*answer.notes, *bars.notes, *doubts],
+            )  # fmt: skip
+        return answer
     except TestfieldError as error:
         reasons = geometric_doubts(start.network, start.stations, start.boards)
-        raise TestfieldError("; ".join([error.what, *notes, *reasons]), error.where, error.do) from error
-    return Settled(adjustment, rejected, notes + doubts)
+        raise TestfieldError("; ".join([error.what, *reasons]), error.where, error.do) from error
+    except np.linalg.LinAlgError as error:
+        reasons = geometric_doubts(start.network, start.stations, start.boards)
+        raise TestfieldError(
+            "; ".join(["the adjustment does not come to rest", *reasons]),
+            do="look at the sheets, the numbers, the images",
+        ) from error
 
 
 class _Discs:
@@ -77,13 +108,19 @@ class _Discs:
         return offset
 
 
-def _settle(network: Network, discs: _Discs | None, start: Start) -> tuple[Adjustment, list[dict], list[str]]:
+def _settle(network: Network, discs: _Discs | None, start: Start, rows: Observations) -> Settled:
     """Adjust until nothing is rejected any more and the discs' offsets stand still.
 
-    What is returned is always the adjustment of exactly the observations that remain.
+    Sheets are asked before pixels: what misses the rest more is called wrong. What is returned is always the adjustment
+    of exactly the observations that remain.
     """
     labels = network.labels(start.stations, start.boards)
+    names = _names(start, rows)
     rejected: list[dict] = []
+    records: list[dict] = []
+    notes: list[str] = []
+    left = np.arange(len(network.point))
+    most = max(4, FEW * np.bincount(network.point_board[network.point_board >= 0]).max(initial=0))
     for _ in range(ROUNDS):
         if discs:
             network = replace(network, offset_px=discs.offsets(network))
@@ -92,22 +129,104 @@ def _settle(network: Network, discs: _Discs | None, start: Start) -> tuple[Adjus
         size = _residual_sizes(adjustment)
         # A bad point drags its neighbours along: only residuals near the worst go in one round.
         bad = (size > REJECT_SIGMA) & (size > 0.3 * size.max())
+        doubtful = _wrong_sheet(adjustment, labels, start, names, bool(bad.any()))
+        if doubtful:
+            before = sum(len(r["marks"]) for r in records if r["board"] == doubtful.board)
+            records.append({"board": doubtful.board, "marks": doubtful.marks, "said": doubtful.said})
+            many = before + len(doubtful.marks) > most
+            if not doubtful.pose and (many or not doubtful.marks):
+                return _without_board(adjustment, doubtful, start, left, many)
+            notes.append(f"{doubtful.said}: not used")
+            network = without_suspect(network, doubtful)
+            continue
         if not bad.any() and (
             discs is None or np.allclose(discs.offsets(network), network.offset_px, rtol=0, atol=SETTLED_PX)
         ):
-            return adjustment, rejected, _doubts(adjustment)
+            return Settled(adjustment, rejected, notes + _doubts(adjustment), left, _said_of(records, start))
         for k in np.flatnonzero(bad):
             owner = network.point_board[network.point[k]]
             board = start.boards[owner] if owner >= 0 else ""
             x, y = (float(v) for v in network.xy_px[k])
             station = start.stations[network.image[k]]
             why = f"residual beyond {REJECT_SIGMA:g} standard deviations"
+            code = int(rows.code[start.rows[left[k]]])
             rejected.append(
                 {"station": station, "board": board, "x_px": x, "y_px": y, "sigmas": float(size[k]), "why": why}
+                | {"code": code}
             )
-        network, discs = network.take(~bad), discs.take(~bad) if discs else None
+        network, discs, left = network.take(~bad), discs.take(~bad) if discs else None, left[~bad]
     adjustment = adjust(network, labels)
-    return adjustment, rejected, ["the rejection of outliers had not come to rest", *_doubts(adjustment)]
+    notes += ["the rejection of outliers had not come to rest", *_doubts(adjustment)]
+    return Settled(adjustment, rejected, notes, left, _said_of(records, start))
+
+
+def _at_rest(network: Network, discs: _Discs | None, start: Start) -> tuple[Adjustment, list[str]]:
+    """The adjustment of a network from which nothing more is rejected."""
+    labels = network.labels(start.stations, start.boards)
+    for _ in range(ROUNDS):
+        adjustment = adjust(network, labels)
+        network = adjustment.network
+        offset = discs.offsets(network) if discs else network.offset_px
+        if np.allclose(offset, network.offset_px, rtol=0, atol=SETTLED_PX):
+            break
+        network = replace(network, offset_px=offset)
+    return adjustment, _doubts(adjustment)
+
+
+def _wrong_sheet(
+    adjustment: Adjustment, labels: list[str], start: Start, names: list[str], misfit: bool
+) -> Suspect | None:
+    """What of the sheets misses the rest by more than any observation does."""
+    if not misfit and not adjustment.network.known_boards:
+        return None
+    network = loosened(adjustment.network)
+    loose = adjust(network, labels) if misfit else adjustment
+    test = reliability(loose).test
+    typical = max(float(np.median(test)) / 1.1774, 1.0)
+    found = suspect(loose, start.boards, names, typical)
+    if found is None or (found.value - found.rank) < (float(test.max(initial=0)) / typical) ** 2 - 2:
+        return None
+    alone = len(start.boards) < 2
+    return None if alone and not found.marks else found
+
+
+def _without_board(adjustment: Adjustment, found: Suspect, start: Start, left: np.ndarray, many: bool) -> Settled:
+    """What is said of a board whose sheet is wrong."""
+    network, name = adjustment.network, start.boards[found.board]
+    said = f"the sheet of board '{name}' does not fit it ({np.sqrt(found.value):.3g} standard deviations)"
+    parts, explained = stretch(network, found.board, network.labels(start.stations, start.boards))
+    large = np.abs(parts) > 0.1 * np.abs(parts).max()
+    shape = ", ".join(f"{100 * p:+.2g} % {what}" for p, what, big in zip(parts, STRETCHED, large, strict=True) if big)
+    if explained > SHAPE:
+        said += f": its spacing is off by {shape}"
+    elif many:
+        said += ": many of its marks lie elsewhere (are they numbered or placed as on the sheet?)"
+    if found.alike is not None:
+        said += (
+            f"; nothing decides between it and board '{start.boards[found.alike]}', which comes first on the field's sheet "
+            "and is believed"
+        )
+    record = {"certificate": start.boards[found.board], "kind": "sheet", "sigmas": float(np.sqrt(found.value)),
+              "off": None, "used": False, "contradicts": []}  # fmt: skip
+    return Settled(adjustment, [], [], left, (record,), (f"{said}: the board is left out",), found.board)
+
+
+def _said_of(records: list[dict], start: Start) -> tuple[dict, ...]:
+    """Records of marks and poses that were found wrong."""
+    return tuple(
+        {"certificate": r["said"].split(" is ")[0], "kind": "mark" if r["marks"] else "pose", "sigmas": None, "off": None,
+         "used": False, "contradicts": []}
+        for r in records
+    )  # fmt: skip
+
+
+def _names(start: Start, rows: Observations) -> list[str]:
+    """(n,) what a reader calls the points."""
+    names = [""] * len(start.network.point_mm)
+    for k, row in zip(start.network.point, start.rows, strict=True):
+        code = int(rows.code[row])
+        names[k] = f"code {code}" if code > 0 else f"mark {int(rows.point[row])}"
+    return names
 
 
 def _doubts(adjustment: Adjustment) -> list[str]:

@@ -78,21 +78,24 @@ def starting_network(
     guess: Guess = from_homographies,
     least_stations: int = 2,
     given: bool = False,
+    left_out: frozenset[int] = frozenset(),
 ) -> Start:
     """The network of all boards and stations that a chain of images joins to the first board that was seen.
 
     `hold` names coefficients kept at zero, `fixed` parameters kept as guessed. `given`: the boards' poses that the
-    sheet certifies join boards too, and are known with their uncertainty; its first board is then the datum. Raises
+    sheet certifies join boards too, and are known with their uncertainty; its first board is then the datum. Boards
+    that are `left_out` (numbers on the sheet) take no part. Raises
     `TestfieldError` where no board, or too little of them, was seen.
     """
     interior, free = _first_camera(width_px, height_px, lens, hold, fixed)
     notes: list[str] = []
-    told: set[int] = set()
+    told: set[int] = set(left_out)
     edges, gross = board_edges(rows, field)
+    edges = edges.take(~np.isin(edges.board, sorted(left_out)))
     focal, camera_from_board = guess(edges, rows, field, interior.parameters[2:4])
     if len(field.boards) > 1:
         keep = boards_of_one_unit(edges, camera_from_board, field, notes)
-        told = {int(b) for b in edges.board[~keep]}
+        told |= {int(b) for b in edges.board[~keep]}
         edges, camera_from_board = edges.take(keep), camera_from_board[keep]
     sizes = dots_fit_their_spacing(edges, rows, field, notes)
     interior = interior.with_parameters(np.array([focal, focal, *interior.parameters[2:]]))

@@ -1,10 +1,9 @@
 """Stitched sub-boards: homographies, the graph of images and boards, one bundle (METHODS section 4)."""
 
 from testfield.calibrate.calibration import Calibration
-from testfield.calibrate.finish import finished
+from testfield.calibrate.finish import calibrated
 from testfield.calibrate.rows import usable_rows
-from testfield.calibrate.settle import settled
-from testfield.calibrate.start import starting_network
+from testfield.calibrate.start import Start, starting_network
 from testfield.detect.observations import Observations
 from testfield.errors import TestfieldError
 from testfield.registry import register
@@ -27,8 +26,11 @@ def stitched(
     seen, and where the observations do not determine a parameter.
     """
     rows, turned_down, notes = usable_rows(observations, field)
-    start = starting_network(rows, field, width_px, height_px, lens, hold)
-    return finished("stitched", settled(start, rows), start, rows, field, turned_down, notes)
+
+    def begin(left_out: frozenset[int]) -> Start:
+        return starting_network(rows, field, width_px, height_px, lens, hold, left_out=left_out)
+
+    return calibrated("stitched", begin, rows, field, turned_down, notes)
 
 
 @register("calibrators", "stitched_given")
@@ -51,5 +53,8 @@ def stitched_given(
             "give each board a pose, in a scene by [certified_poses], or use 'stitched'",
         )  # fmt: skip
     rows, turned_down, notes = usable_rows(observations, field)
-    start = starting_network(rows, field, width_px, height_px, lens, hold, given=True)
-    return finished("stitched_given", settled(start, rows), start, rows, field, turned_down, notes)
+
+    def begin(left_out: frozenset[int]) -> Start:
+        return starting_network(rows, field, width_px, height_px, lens, hold, given=True, left_out=left_out)
+
+    return calibrated("stitched_given", begin, rows, field, turned_down, notes)

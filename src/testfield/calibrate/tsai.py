@@ -4,10 +4,9 @@ import numpy as np
 
 from testfield.calibrate.calibration import Calibration
 from testfield.calibrate.edges import Edges
-from testfield.calibrate.finish import finished
+from testfield.calibrate.finish import calibrated
 from testfield.calibrate.rows import usable_rows
-from testfield.calibrate.settle import settled
-from testfield.calibrate.start import starting_network
+from testfield.calibrate.start import Start, starting_network
 from testfield.camera.pose import Poses, nearest_rotation
 from testfield.detect.observations import Observations
 from testfield.errors import TestfieldError
@@ -39,10 +38,14 @@ def tsai(
         "Tsai's camera: principal point held in the image's middle, k1 alone; the covariance takes both as true"
     )
     held = ("k2", "k3", "p1", "p2", *(name for name in hold if name == "k1"))
-    start = starting_network(
-        rows, field, width_px, height_px, "brown", held, fixed=("cx", "cy"), guess=by_radial_alignment, least_stations=1
-    )
-    return finished("tsai", settled(start, rows), start, rows, field, turned_down, notes)
+
+    def begin(left_out: frozenset[int]) -> Start:
+        return starting_network(
+            rows, field, width_px, height_px, "brown", held, fixed=("cx", "cy"), guess=by_radial_alignment,
+            least_stations=1, left_out=left_out,
+        )  # fmt: skip
+
+    return calibrated("tsai", begin, rows, field, turned_down, notes)
 
 
 def by_radial_alignment(edges: Edges, rows: Observations, field: Field, middle_px: np.ndarray) -> tuple[float, Poses]:

@@ -9,7 +9,7 @@ from testfield.adjust.network import Images
 from testfield.calibrate.calibration import Calibration
 from testfield.calibrate.certified import Certified
 from testfield.calibrate.loose_discs import measured_radii
-from testfield.calibrate.self_calibration import FreeNetwork, Job, free_network, settled
+from testfield.calibrate.self_calibration import FreeNetwork, free_network, settled
 from testfield.calibrate.self_start import loose_network
 from testfield.calibrate.stitched import stitched
 from testfield.calibrate.ties import Ties, coded_ties
@@ -148,7 +148,7 @@ def with_dots(result: FreeNetwork, observations: Observations, hold: tuple[str, 
         distances=network.distances, images=Images.one_camera(len(network.stations)),
     )  # fmt: skip
     radius = np.concatenate([job.radius_mm, measured_radii(wider, ties.moments_px2)[len(old.code) :]])
-    return settled(Job(wider, ties, radius, job.scale_from, job.rejected, job.notes), hold, True)
+    return settled(replace(job, network=wider, ties=ties, radius_mm=radius), hold, True)
 
 
 def _lengths(certified: Certified, points: Points) -> tuple[tuple[Length, ...], list[str]]:

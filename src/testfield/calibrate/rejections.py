@@ -1,0 +1,120 @@
+"""Rejections by group: whether an image, a board, a camera or a certificate lost more than its share.
+
+Single observations are rejected one by one, for they contradict all others. Where many of one group go, the group is
+to blame: a sheet with another spacing, an image whose numbers are shifted, photographs by another camera. The chance
+that a group loses so many at the rate of all others is binomial, and is asked of as many groups as there are.
+"""
+
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import binom
+
+from testfield.calibrate.calibration import Calibration
+from testfield.detect.observations import Observations
+from testfield.targets.field import Field
+
+SIGNIFICANCE = 0.001
+"""Chance that any group at all is blamed where rejections fall evenly."""
+LEAST_SHARE = 0.2
+"""Part of a group's observations below which its losses are no reason to doubt all of it."""
+LEAST_LOST = 4
+"""Rejections of one group below which chance or dirt explains them."""
+ORDINARY = 0.02
+"""Rate of rejections that needs no reason: a few misread marks in a hundred."""
+HALF = 0.4
+"""Part of all observations the loss of which leaves nobody to say who was wrong."""
+
+
+@dataclass(frozen=True)
+class Group:
+    """What observations have in common: `kind` (board, station, camera, certificate) and `name`."""
+
+    kind: str
+    name: str
+
+
+def counted(used: Iterable[tuple[Group, ...]], rejected: Iterable[tuple[Group, ...]]) -> tuple[dict, ...]:
+    """One entry a group: `kind`, `name`, observations `used` and `rejected`, and whether these are `too_many`; each
+    observation is given by the groups it belongs to."""
+    kept, lost = (Counter(group for groups in some for group in groups) for some in (used, rejected))
+    groups = sorted({*kept, *lost}, key=lambda g: (g.kind, g.name))
+    rows = []
+    for group in groups:
+        n, k = kept[group] + lost[group], lost[group]
+        others = [g for g in groups if g.kind == group.kind and g != group]
+        all_others = sum(kept[g] + lost[g] for g in others)
+        rate = max(sum(lost[g] for g in others) / all_others if all_others else 0.0, ORDINARY)
+        chance = float(binom.sf(k - 1, n, min(rate, 1.0))) if k else 1.0
+        many = k >= LEAST_LOST and k > LEAST_SHARE * n and chance < SIGNIFICANCE / len(groups)
+        rows.append({"kind": group.kind, "name": group.name, "used": kept[group], "rejected": k, "too_many": many})
+    return tuple(rows)
+
+
+def judged(calibration: Calibration, rows: tuple[dict, ...]) -> Calibration:
+    """The calibration with its rejections counted; it is not passed where a group lost more than its share, or so much
+    is lost that nobody can say who was wrong, or something else has failed already."""
+    failures = list(calibration.failures)
+    for row in rows:
+        if row["too_many"]:
+            failures.append(
+                f"{NAMES[row['kind']]} '{row['name']}': {row['rejected']} of {row['used'] + row['rejected']} observations "
+                f"were rejected, more than its share: {WHY[row['kind']]}"
+            )
+    used, lost = calibration.used, len(calibration.rejected)
+    if lost > HALF * (used + lost) and lost >= LEAST_LOST:
+        failures.append(
+            f"{lost} of {used + lost} observations were rejected: what is left may be the wrong part; look at the images' "
+            "camera, the sheets, the numbers"
+        )
+    said = [sentence for sentence in failures if sentence not in calibration.notes]
+    test = calibration.test
+    if test:
+        test = test | {"passed": bool(test["passed"]) and not failures}
+    return replace(calibration, rejections=rows, failures=tuple(failures), notes=(*said, *calibration.notes), test=test)
+
+
+NAMES = {"board": "board", "station": "image", "camera": "camera", "certificate": "distance"}
+WHY = {
+    "board": "does its sheet fit it (spacing, numbers)?",
+    "station": "are its marks numbered as in the others, and is it by the same camera?",
+    "camera": "are all its images by one camera?",
+    "certificate": "are its targets those that are meant?",
+}
+
+
+def of_boards(calibration: Calibration, used: Observations, field: Field) -> Calibration:
+    """A calibration with boards judged; `used` observations are those that were left."""
+    names = [sheet.name for sheet in field.boards]
+    bars = {code: bar.name for bar in field.scale_bars if bar.role == "control" for code in bar.codes}
+    kept = [
+        _groups(used.stations[used.station[k]], names[used.board[k]] if used.board[k] >= 0 else "",
+                bars.get(int(used.code[k]), "") if used.board[k] < 0 else "")
+        for k in range(len(used))
+    ]  # fmt: skip
+    lost = [_groups(r["station"], r["board"], bars.get(r.get("code", 0), "")) for r in calibration.rejected]
+    return judged(calibration, counted(kept, lost))
+
+
+def of_joints(calibration: Calibration) -> Calibration:
+    """The calibration of a method that rejects nothing itself, judged by what was turned down before it."""
+    kept = [_groups(joint["station"], joint["board"]) for joint in calibration.joints for _ in range(joint["marks"])]
+    lost = [_groups(r["station"], r["board"]) for r in calibration.rejected]
+    return judged(calibration, counted(kept, lost))
+
+
+def of_ties(calibration: Calibration, station: np.ndarray, code: np.ndarray, ends: dict[int, str]) -> Calibration:
+    """A calibration without boards judged: the used sights' `station` (m,) and `code` (m,), and which code is an `end`
+    of what certificate."""
+    names = calibration.station_names
+    kept = [_groups(names[s], "", ends.get(int(c), "")) for s, c in zip(station, code, strict=True)]
+    lost = [_groups(r["station"], "", ends.get(r["code"], "")) for r in calibration.rejected]
+    return judged(calibration, counted(kept, lost))
+
+
+def _groups(station: str, board: str, certificate: str = "", camera: str = "") -> tuple[Group, ...]:
+    """The groups of one observation; there is one camera today, and its name is empty."""
+    named = (("station", station), ("board", board), ("certificate", certificate), ("camera", camera))
+    return tuple(Group(kind, name) for kind, name in named if name)
