@@ -18,7 +18,8 @@ from testfield.adjust.network import (
 )
 from testfield.calibrate.edges import Edges, board_edges
 from testfield.calibrate.graph import given_poses, groups_apart, spanning_poses
-from testfield.calibrate.homography import focal_length, plane_pose
+from testfield.calibrate.homography import focal_length, image_middle, plane_pose
+from testfield.calibrate.lens_start import lens_start
 from testfield.calibrate.units import boards_of_one_unit, dots_fit_their_spacing
 from testfield.camera.interior import Interior
 from testfield.camera.pose import Poses, rotation
@@ -88,14 +89,16 @@ def starting_network(
     interior, free = _first_camera(width_px, height_px, lens, hold, fixed)
     notes: list[str] = []
     told: set[int] = set()
-    edges, gross = board_edges(rows, field)
+    edges, gross = board_edges(rows, field, interior.parameters[2:4])
     focal, camera_from_board = guess(edges, rows, field, interior.parameters[2:4])
     if len(field.boards) > 1:
         keep = boards_of_one_unit(edges, camera_from_board, field, notes)
         told = {int(b) for b in edges.board[~keep]}
         edges, camera_from_board = edges.take(keep), camera_from_board[keep]
     sizes = dots_fit_their_spacing(edges, rows, field, notes)
-    interior = interior.with_parameters(np.array([focal, focal, *interior.parameters[2:]]))
+    interior = lens_start(
+        interior.with_parameters(np.array([focal, focal, *interior.parameters[2:]])), free, edges.lens
+    )
 
     placed = _placed(edges, camera_from_board, rows, field, given, told, notes)
     boards, stations = placed.boards, placed.stations
@@ -148,8 +151,9 @@ def _first_camera(
     width_px: int, height_px: int, lens: str, hold: tuple[str, ...], fixed: tuple[str, ...]
 ) -> tuple[Interior, np.ndarray]:
     """A pinhole in the middle of the image, focal length 1, and which of its parameters are unknown."""
-    middle = [(width_px - 1) / 2, (height_px - 1) / 2]
-    interior = Interior(width_px, height_px, np.array([1.0, 1.0, *middle, *PINHOLE_LIKE[lens]]), lens)
+    interior = Interior(
+        width_px, height_px, np.array([1.0, 1.0, *image_middle(width_px, height_px), *PINHOLE_LIKE[lens]]), lens
+    )
     unknown = sorted(set(hold) - set(interior.names[4:]))
     if unknown:
         raise TestfieldError(
