@@ -7,6 +7,7 @@ from scipy.spatial.distance import pdist
 
 from testfield.adjust.datum import aligned
 from testfield.adjust.network import EXACT_MM, Distances, Network
+from testfield.calibrate.chirality import refuse_mirrored_points
 from testfield.calibrate.loose_discs import measured_radii
 from testfield.calibrate.ties import LEAST_RAYS, Ties
 from testfield.camera.pose import nearest_rotation
@@ -144,6 +145,9 @@ def _usable_known(
     if certified.known and len(codes) < 3:
         notes.append(f"only {len(codes)} certified place(s) can be used, and three are needed: the network is free")
         return []
+    if codes:
+        points = network.point_mm[[place[c] for c in codes]]
+        refuse_mirrored_points(points, np.array([certified.known[c][0] for c in codes]))
     while len(codes) >= 3:
         here = network.point_mm[[place[c] for c in codes]]
         target = np.array([certified.known[c][0] for c in codes])

@@ -9,7 +9,7 @@ import numpy as np
 from testfield.adjust.network import Camera, Distances, Network
 from testfield.calibrate.as_colmap import as_reconstruction, free_bundle
 from testfield.calibrate.calibration import Calibration
-from testfield.calibrate.edges import misread
+from testfield.calibrate.edges import left_out
 from testfield.calibrate.quality import board_quality, joints, residual_test
 from testfield.calibrate.rows import usable_rows
 from testfield.calibrate.start import Start, starting_network
@@ -53,8 +53,7 @@ def colmap(
         raise TestfieldError(f"COLMAP has no lens '{lens}'", "measure.lens", f"choose one of {', '.join(MODELS)}")
     rows, turned_down, notes = usable_rows(observations, field)
     start = starting_network(rows, replace(field, scale_bars=()), width_px, height_px, lens, hold)
-    records, said = misread(rows, field, start.gross)
-    turned_down, notes = turned_down + records, notes + said
+    turned_down += left_out(rows, field, start.why)
     own = (*PINHOLE, *MODELS[lens][1])
     missing = [name for name in start.network.interior.names if name not in (*own, *hold)]
     notes += start.notes + ([f"COLMAP's camera has no {', '.join(missing)}: held at zero"] if missing else [])

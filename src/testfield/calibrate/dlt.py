@@ -10,7 +10,7 @@ from testfield.adjust.linear import Structure, linearise
 from testfield.adjust.network import HELD, Camera, Distances, Images, Network, information_of
 from testfield.adjust.normal import NormalEquations
 from testfield.calibrate.calibration import Calibration
-from testfield.calibrate.edges import misread
+from testfield.calibrate.edges import left_out
 from testfield.calibrate.quality import board_quality, joints, residual_test
 from testfield.calibrate.rows import usable_rows
 from testfield.calibrate.start import PINHOLE_LIKE, starting_network
@@ -53,8 +53,7 @@ def dlt(
                     scale_bars=())  # fmt: skip
     rows = _renumbered(rows, field, sheet)
     start = starting_network(rows, sheet, width_px, height_px, lens, (), least_stations=1, given=True)
-    records, said = misread(rows, sheet, start.gross)
-    turned_down, notes = turned_down + records, notes + start.notes + said
+    turned_down, notes = turned_down + left_out(rows, sheet, start.why), notes + start.notes
     rigid = _rigid(start.network)
     cameras, solved = [], []
     for i in range(len(start.stations)):

@@ -6,7 +6,7 @@ from testfield.adjust.bundle import Adjustment
 from testfield.adjust.weakness import weak_unknowns
 from testfield.calibrate.calibration import Calibration, point_label
 from testfield.calibrate.doubts import geometric_doubts
-from testfield.calibrate.edges import misread
+from testfield.calibrate.edges import left_out
 from testfield.calibrate.quality import board_quality, joints, residual_test
 from testfield.calibrate.settle import Settled
 from testfield.calibrate.start import Start
@@ -30,13 +30,13 @@ def finished(
     codes = np.array([code_of[k] for k in loose.tolist()], int)
     covariance, names = with_points(adjustment, network.labels(start.stations, start.boards), loose, codes)
     edges, test = joints(adjustment, start.stations, start.boards), residual_test(adjustment)
-    records, said = misread(rows, field, start.gross)
+    records = left_out(rows, field, start.why)
     return Calibration(
         method, network.interior, start.stations, network.stations, start.boards, network.boards, network.scale,
         covariance, names, adjustment.sigma0, adjustment.freedom,
         float(np.sqrt((adjustment.residual_px**2).sum(axis=1).mean())), len(network.xy_px),
         tuple(turned_down + records + found.rejected), network.xy_px, adjustment.residual_px, start.graph,
-        tuple(notes + start.notes + said + found.notes + doubts_of(adjustment, start, covariance, names, test)),
+        tuple(notes + start.notes + found.notes + doubts_of(adjustment, start, covariance, names, test)),
         joints=edges, board_quality=board_quality(covariance, names, start.boards, edges), test=test,
         point_code=codes, point_mm=network.point_mm[loose],
     )  # fmt: skip

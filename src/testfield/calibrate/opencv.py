@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from testfield.calibrate.calibration import Calibration
-from testfield.calibrate.edges import Edges, board_edges, misread
+from testfield.calibrate.edges import Edges, board_edges, left_out
 from testfield.calibrate.homography import focal_length, image_middle
 from testfield.calibrate.lens_start import lens_start
 from testfield.calibrate.rows import best_board, on_one_board, usable_rows
@@ -46,9 +46,8 @@ def opencv(
     rows, turned_down, notes = usable_rows(observations, field)
     if board is not None:
         rows, field = on_one_board(rows, field, best_board(rows, field, board))
-    edges, gross = board_edges(rows, field, image_middle(width_px, height_px))
-    records, said = misread(rows, field, np.flatnonzero(gross))
-    turned_down, notes = turned_down + records, notes + said
+    edges, why, said = board_edges(rows, field, image_middle(width_px, height_px))
+    turned_down, notes = turned_down + left_out(rows, field, why), notes + said
     if len(edges) < LEAST_VIEWS:
         raise TestfieldError("OpenCV needs two views of boards, and there is one", do="add stations")
     objects, images = views_of(edges, rows, field)

@@ -5,7 +5,7 @@ import numpy as np
 
 from testfield.adjust.network import HELD, Camera, Distances, Images, Network, information_of
 from testfield.calibrate.calibration import Calibration
-from testfield.calibrate.edges import Edges, board_edges, misread
+from testfield.calibrate.edges import Edges, board_edges, left_out
 from testfield.calibrate.homography import image_middle
 from testfield.calibrate.opencv import CRITERIA, NEEDED, camera_of, coefficients_of, first_guess, flags_of, poses_of
 from testfield.calibrate.quality import board_quality, joints, residual_test
@@ -44,9 +44,8 @@ def opencv_ro(
     rows, turned_down, notes = usable_rows(observations, field)
     rows, field = on_one_board(rows, field, best_board(rows, field, board))
     sheet = field.boards[0]
-    edges, gross = board_edges(rows, field, image_middle(width_px, height_px))
-    records, said = misread(rows, field, np.flatnonzero(gross))
-    turned_down, notes = turned_down + records, notes + said
+    edges, why, said = board_edges(rows, field, image_middle(width_px, height_px))
+    turned_down, notes = turned_down + left_out(rows, field, why), notes + said
     chosen, points = _common(edges, rows)
     edges = edges.take(chosen)
     order, at = _ordered(sheet, points)

@@ -18,7 +18,9 @@ from testfield.adjust.reliability import global_test, reliability
 from testfield.adjust.weakness import weak_unknowns
 from testfield.calibrate.calibration import Calibration
 from testfield.calibrate.certified import Certified, in_datum
+from testfield.calibrate.edges import front_only
 from testfield.calibrate.finish import with_points
+from testfield.calibrate.homography import image_middle
 from testfield.calibrate.loose_discs import disc_offsets
 from testfield.calibrate.self_start import SQUARE, loose_network, start_from_nothing
 from testfield.calibrate.ties import LEAST_COMMON, LEAST_RAYS, Ties, coded_ties, largest_group, point_name
@@ -95,6 +97,7 @@ def self_calibration(
     Of the field's sheet only the bars' lengths and the dots' diameters are used. Loose targets that are no bar's ends
     are left to reconstruction wherever the other codes suffice, so that what is claimed of them is true.
     """
+    observations, said = front_only(observations, field, image_middle(width_px, height_px))
     diameter = dict(field.loose)
     tied = {c for bar in field.scale_bars if bar.role == "control" for c in bar.codes}
     for board in field.boards:
@@ -107,7 +110,7 @@ def self_calibration(
     ties, notes = coded_ties(observations, np.array(sorted(tied if enough else diameter), int))
     if not enough:
         notes.append("all loose targets take part in the calibration: too few other codes are in sight")
-    found = free_network(ties, width_px, height_px, lens, hold, certified, notes=notes)
+    found = free_network(ties, width_px, height_px, lens, hold, certified, notes=said + notes)
     loose = np.isin(found.code, list(field.loose))
     seen = found.adjustment.network.seen_points[loose]
     covariance, labels = with_points(found.adjustment, found.job.labels, seen, found.code[loose])

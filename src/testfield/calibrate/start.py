@@ -45,8 +45,8 @@ class Start:
     """A network with starting values, and what belongs to it.
 
     `rows` (m,) which observations it uses; `radius_mm` (n,) of its points' discs, 0 of corners; names of its `stations`
-    and `boards`; `bars` names of its distances; `graph` edges (station, board, marks); `gross` rows that were misread;
-    `notes` for the reader.
+    and `boards`; `bars` names of its distances; `graph` edges (station, board, marks); `why` (n,) observations were
+    left out ("" of the others); `notes` for the reader.
     """
 
     network: Network
@@ -56,7 +56,7 @@ class Start:
     boards: tuple[str, ...]
     bars: tuple[str, ...]
     graph: tuple[tuple[str, str, int], ...]
-    gross: np.ndarray
+    why: np.ndarray
     notes: list[str]
 
 
@@ -87,9 +87,8 @@ def starting_network(
     `TestfieldError` where no board, or too little of them, was seen.
     """
     interior, free = _first_camera(width_px, height_px, lens, hold, fixed)
-    notes: list[str] = []
     told: set[int] = set()
-    edges, gross = board_edges(rows, field, interior.parameters[2:4])
+    edges, why, notes = board_edges(rows, field, interior.parameters[2:4])
     focal, camera_from_board = guess(edges, rows, field, interior.parameters[2:4])
     if len(field.boards) > 1:
         keep = boards_of_one_unit(edges, camera_from_board, field, notes)
@@ -108,7 +107,7 @@ def starting_network(
             else "fewer than two stations see a board well enough", do="add stations",
         )  # fmt: skip
     has_station = np.isin(np.arange(len(rows.stations)), stations)
-    usable = has_station[rows.station] & ~gross
+    usable = has_station[rows.station] & (why == "")
     points = _board_points(field, boards, sizes)
     point = np.full(len(rows), -1)
     index = np.full(len(field.boards), -1)
@@ -143,7 +142,7 @@ def starting_network(
     )
     return Start(
         network, used, np.concatenate([points.radius, bars.radius]), tuple(rows.stations[s] for s in stations),
-        tuple(field.boards[b].name for b in boards), bars.names, graph, np.flatnonzero(gross), notes,
+        tuple(field.boards[b].name for b in boards), bars.names, graph, why, notes,
     )  # fmt: skip
 
 

@@ -43,6 +43,11 @@ class RoughLens:
     radius_px: float
     terms: np.ndarray
 
+    @staticmethod
+    def pinhole(middle_px: np.ndarray, radius_px: float) -> "RoughLens":
+        """A lens without distortion."""
+        return RoughLens(np.asarray(middle_px, float), radius_px or 1.0, np.zeros(TERMS))
+
     @property
     def bends(self) -> bool:
         """Whether it is more than a pinhole."""
@@ -123,7 +128,7 @@ def rough_lens(views: list[View], middle_px: np.ndarray) -> RoughLens:
     The views that reach farthest out are asked; points that no lens explains count no more than `MISPLACED`.
     """
     far = [float(np.linalg.norm(image - middle_px, axis=1).max()) for _, image in views]
-    pinhole = RoughLens(np.asarray(middle_px, float), max(far, default=0.0) or 1.0, np.zeros(TERMS))
+    pinhole = RoughLens.pinhole(middle_px, max(far, default=0.0))
     chosen = [views[k] for k in np.argsort(far)[::-1][:MOST_VIEWS]]
     lenses = [replace(pinhole, terms=np.array([first, 0.0, 0.0])) for first in TRIED]
     tried = [[_fitted(view, lens)[1] for view in chosen] for lens in lenses]
@@ -176,6 +181,11 @@ def fit_plane(view: View, lens: RoughLens) -> tuple[PlaneImage | None, np.ndarra
     if 2 * good.sum() < len(good):
         return None, nothing
     return _least_squares(plane[good], image[good], lens), good
+
+
+def fitted_to(view: View, lens: RoughLens) -> PlaneImage | None:
+    """The image of a plane by all points of a view, which must be right; None where they lie on a line."""
+    return _least_squares(*view, lens)
 
 
 def _fitted(view: View, lens: RoughLens) -> tuple[PlaneImage | None, np.ndarray]:
