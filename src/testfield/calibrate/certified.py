@@ -4,13 +4,14 @@ Here they make a start only, by what most of them agree on; which of them hold i
 images have settled among themselves.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.spatial.distance import pdist
 
 from testfield.adjust.datum import aligned
 from testfield.adjust.network import Network
+from testfield.calibrate.chirality import refuse_mirrored_points
 from testfield.calibrate.loose_discs import measured_radii
 from testfield.calibrate.similarity import on_a_line, robust_similarity
 from testfield.calibrate.ties import LEAST_RAYS, Ties
@@ -142,6 +143,9 @@ def _usable_known(
     if codes and on_a_line(np.array([certified.known[c][0] for c in codes])):
         notes.append("the certified places lie on a line: the network is free")
         return []
+    if codes:
+        points = network.point_mm[[place[c] for c in codes]]
+        refuse_mirrored_points(points, np.array([certified.known[c][0] for c in codes]))
     return codes
 
 

@@ -9,9 +9,10 @@ import numpy as np
 from testfield.adjust.network import Camera, Distances, Network
 from testfield.calibrate.as_colmap import as_reconstruction, free_bundle
 from testfield.calibrate.calibration import Calibration
+from testfield.calibrate.edges import left_out
 from testfield.calibrate.quality import board_quality, joints, residual_test
 from testfield.calibrate.rejections import of_joints
-from testfield.calibrate.rows import rejection, usable_rows
+from testfield.calibrate.rows import usable_rows
 from testfield.calibrate.start import Start, starting_network
 from testfield.calibrate.views import AXES, OWN_WORD, evaluated
 from testfield.camera.interior import PINHOLE
@@ -53,7 +54,7 @@ def colmap(
         raise TestfieldError(f"COLMAP has no lens '{lens}'", "measure.lens", f"choose one of {', '.join(MODELS)}")
     rows, turned_down, notes = usable_rows(observations, field)
     start = starting_network(rows, replace(field, scale_bars=()), width_px, height_px, lens, hold)
-    turned_down += [rejection(rows, field, k, None, "misread: far from its board's homography") for k in start.gross]
+    turned_down += left_out(rows, field, start.why)
     own = (*PINHOLE, *MODELS[lens][1])
     missing = [name for name in start.network.interior.names if name not in (*own, *hold)]
     notes += start.notes + ([f"COLMAP's camera has no {', '.join(missing)}: held at zero"] if missing else [])

@@ -9,9 +9,9 @@ from testfield.adjust.bundle import Adjustment
 from testfield.adjust.weakness import weak_unknowns
 from testfield.calibrate.calibration import Calibration, point_label
 from testfield.calibrate.doubts import geometric_doubts
+from testfield.calibrate.edges import left_out
 from testfield.calibrate.quality import board_quality, joints, residual_test
 from testfield.calibrate.rejections import of_boards
-from testfield.calibrate.rows import rejection
 from testfield.calibrate.settle import Settled, settled
 from testfield.calibrate.start import Start
 from testfield.detect.observations import Observations
@@ -58,12 +58,12 @@ def finished(
     codes = np.array([code_of[k] for k in loose.tolist()], int)
     covariance, names = with_points(adjustment, network.labels(start.stations, start.boards), loose, codes)
     edges, test = joints(adjustment, start.stations, start.boards), residual_test(adjustment)
-    misread = [rejection(rows, field, k, None, "misread: far from its board's homography") for k in start.gross]
+    records = left_out(rows, field, start.why)
     calibration = Calibration(
         method, network.interior, start.stations, network.stations, start.boards, network.boards, network.scale,
         covariance, names, adjustment.sigma0, adjustment.freedom,
         float(np.sqrt((adjustment.residual_px**2).sum(axis=1).mean())), len(network.xy_px),
-        tuple(turned_down + misread + found.rejected), network.xy_px, adjustment.residual_px, start.graph,
+        tuple(turned_down + records + found.rejected), network.xy_px, adjustment.residual_px, start.graph,
         tuple(notes + start.notes + found.notes + doubts_of(adjustment, start, covariance, names, test)),
         joints=edges, board_quality=board_quality(covariance, names, start.boards, edges), test=test,
         point_code=codes, point_mm=network.point_mm[loose], certificates=found.certificates, failures=found.failures,

@@ -19,7 +19,9 @@ from testfield.adjust.weakness import weak_unknowns
 from testfield.calibrate.calibration import Calibration
 from testfield.calibrate.certificates import Tested, attached, tested, without_certificates
 from testfield.calibrate.certified import Certified, in_datum
+from testfield.calibrate.edges import front_only
 from testfield.calibrate.finish import with_points
+from testfield.calibrate.homography import image_middle
 from testfield.calibrate.loose_discs import disc_offsets
 from testfield.calibrate.quality import residual_test
 from testfield.calibrate.rejections import of_ties
@@ -104,6 +106,7 @@ def self_calibration(
     Of the field's sheet only the bars' lengths and the dots' diameters are used. Loose targets that are no bar's ends
     are left to reconstruction wherever the other codes suffice, so that what is claimed of them is true.
     """
+    observations, said = front_only(observations, field, image_middle(width_px, height_px))
     diameter = dict(field.loose)
     tied = {c for bar in field.scale_bars if bar.role == "control" for c in bar.codes}
     for board in field.boards:
@@ -116,7 +119,7 @@ def self_calibration(
     ties, notes = coded_ties(observations, np.array(sorted(tied if enough else diameter), int))
     if not enough:
         notes.append("all loose targets take part in the calibration: too few other codes are in sight")
-    found = free_network(ties, width_px, height_px, lens, hold, certified, notes=notes)
+    found = free_network(ties, width_px, height_px, lens, hold, certified, notes=said + notes)
     loose = np.isin(found.code, list(field.loose))
     seen = found.adjustment.network.seen_points[loose]
     covariance, labels = with_points(found.adjustment, found.labels, seen, found.code[loose])

@@ -53,7 +53,7 @@ def by_radial_alignment(edges: Edges, rows: Observations, field: Field, middle_p
     R, sideways, planes, pixels = [], [], [], []
     for e in range(len(edges)):
         plane = field.boards[edges.board[e]].marks.xy_mm[rows.point[edges.rows[e]]]
-        pixel = rows.xy_px[edges.rows[e]] - middle_px
+        pixel = edges.lens.straight(rows.xy_px[edges.rows[e]]) - middle_px
         turn, shift = _aligned(plane, pixel)
         R.append(turn)
         sideways.append(shift)

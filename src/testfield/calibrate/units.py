@@ -57,12 +57,9 @@ def dots_fit_their_spacing(edges: Edges, rows: Observations, field: Field, notes
         if sheet.has_corners:
             continue
         here = edges.rows[e]
-        xy = np.column_stack([sheet.marks.xy_mm[rows.point[here]], np.ones(len(here))])
-        depth = xy @ edges.homography[e][2]
-        # A homography enlarges areas by its determinant over the cube of the denominator.
-        enlarged = np.sqrt(np.abs(np.linalg.det(edges.homography[e])) / np.abs(depth) ** 3)
-        expected = enlarged * sheet.marks.diameter_mm[rows.point[here]]
-        ratios.setdefault(b, []).append(float(np.median(rows.diameter_px[here] / expected)))
+        point = rows.point[here]
+        expected = edges.image[e].enlarged(sheet.marks.xy_mm[point]) * sheet.marks.diameter_mm[point]
+        ratios.setdefault(b, []).append(float(np.nanmedian(rows.diameter_px[here] / expected)))
     wrong = {b: float(np.median(r)) for b, r in ratios.items() if abs(np.log(np.median(r))) > np.log(DOTS_TOO_FAR)}
     for b, ratio in wrong.items():
         notes.append(

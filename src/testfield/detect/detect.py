@@ -65,7 +65,10 @@ def detect(frame: Frame, field: Field, centroid: str, smallest_px: float) -> Obs
     good = targets.status == MEASURED
     n = len(targets.status)
     board, point = np.full(n, -1), np.full(n, -1)
-    board[good], point[good], refused = identify(targets.xy_px[good], targets.code[good], targets.affine[good], field)
+    middle = (np.array(image.shape[::-1]) - 1) / 2
+    board[good], point[good], refused = identify(
+        targets.xy_px[good], targets.code[good], targets.affine[good], field, middle
+    )
     targets.status[good] = np.where(refused == "", MEASURED, refused)
     for b, nominal in enumerate(field.boards):
         mine = np.flatnonzero((board == b) & (targets.status == MEASURED))

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 
 from testfield.camera.images import Frame, SensorSheet
+from testfield.camera.plane_image import fit_plane, rough_lens
 from testfield.detect.bright import bright_marks
 from testfield.detect.corner_model import FittedCorners, fit_corners, offsets_px
 from testfield.detect.observations import MEASURED, Observations
@@ -19,8 +20,6 @@ from testfield.targets.field import Field, NominalBoard
 
 NEAREST = 8
 """Known corners that tell where another one is."""
-GROSS_PX = 25.0
-"""A tag farther than this from its board's homography is misread: no lens bends one board so much."""
 CLEAR_PX, CLEAR_OF_BLUR = 1.8, 2.8
 """Nothing but the two edges may be printed within this distance of a pixel that is used, in px and in sigmas."""
 AROUND = 8
@@ -85,12 +84,17 @@ class _Reader:
         middle = pattern.tag_middles_mm[numbers[mine] - pattern.first_tag]
         board = (middle[:, None] + SIDES * pattern.mark_mm / 2).reshape(-1, 2)
         image = corners[mine].reshape(-1, 2)
-        _, inside = cv2.findHomography(board, image, cv2.RANSAC, GROSS_PX)
-        if inside is None:
-            return None
-        whole = inside.reshape(-1, CORNERS_A_TAG).all(axis=1)
+        whole = self._agree(board, image).reshape(-1, CORNERS_A_TAG).all(axis=1)
         keep = np.repeat(whole, CORNERS_A_TAG)
         return _Seen(board[keep], image[keep]) if whole.any() else None
+
+    def _agree(self, board_mm: np.ndarray, image_px: np.ndarray) -> np.ndarray:
+        """(n,) which points (n, 2) of a board were read where the others say, whatever the lens."""
+        if len(board_mm) == CORNERS_A_TAG:  # one tag alone contradicts nobody
+            return np.ones(CORNERS_A_TAG, bool)
+        height, width = self.bytes.shape
+        view = board_mm, image_px
+        return fit_plane(view, rough_lens([view], np.array([width - 1, height - 1]) / 2))[1]
 
     def _checkerboard(self, pattern: BoardPattern) -> _Seen | None:
         size = (pattern.columns - 1, pattern.rows - 1)
@@ -105,8 +109,7 @@ class _Reader:
     def _turned(self, pattern: BoardPattern, image: np.ndarray) -> _Seen | None:
         """Corners (n, 2) px in OpenCV's order with their places on the board; None where they are no such board."""
         board = pattern.points_mm
-        _, inside = cv2.findHomography(board, image, cv2.RANSAC, GROSS_PX)
-        if inside is None or not inside.all() or len(np.unique(image, axis=0)) < len(image):
+        if not self._agree(board, image).all() or len(np.unique(image, axis=0)) < len(image):
             return None
         # Any of the four corners may come first; a board seen from its front is not mirrored, and its squares show
         # which way up it is.
