@@ -11,6 +11,7 @@ from testfield.camera.photograph import Photograph
 from testfield.chain.files import whole
 from testfield.detect.observations import MEASURED, TEXTURE, Observations
 from testfield.detect.photograph import Found
+from testfield.report.style import shown
 
 FINE, REFUSED = (80, 220, 80), (60, 60, 255)
 """Blue, green, red."""
@@ -67,8 +68,7 @@ def _rows(name: str, found: Found) -> list[list]:
 def draw_found(photograph: Photograph, found: Found, path: Path) -> None:
     """The photograph, its darks lifted, with the measured targets' ellipses, numbers, and why others were refused."""
     o = found.observations
-    top = max(float(np.percentile(photograph.pixels, 99.8)), 1e-6)
-    grey = (255 * np.sqrt(np.clip(photograph.pixels / top, 0, 1))).astype(np.uint8)
+    grey = (255 * shown(photograph.pixels)).astype(np.uint8)
     scale = 2 if max(grey.shape) < 2500 else 1
     picture = cv2.cvtColor(
         cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_NEAREST), cv2.COLOR_GRAY2BGR
