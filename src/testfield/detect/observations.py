@@ -9,6 +9,8 @@ import numpy as np
 from testfield.errors import speaking
 
 MEASURED = "measured"
+TEXTURE = ("no ellipse fits", "too small", "too little contrast", "part of a ring", "not an ellipse")
+"""Reasons why a blob was turned down that are true of texture more often than of targets."""
 
 
 @dataclass(frozen=True)

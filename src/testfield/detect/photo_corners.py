@@ -28,7 +28,7 @@ def with_covariance(photograph: Photograph, target: TargetSpec, found: Observati
     boards = _boards(target, np.unique(found.code))
     if not boards or not len(found):
         return found
-    sheet = estimate_sheet(photograph.pixels, photograph.bits)
+    sheet = estimate_sheet(photograph.pixels, photograph.bits, photograph.end_dn)
     corners, _ = detect_squares(Frame(photograph.name, photograph.pixels, sheet), Field(14, boards))
     corners = corners.measured
     if not len(corners):

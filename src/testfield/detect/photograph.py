@@ -10,7 +10,7 @@ from testfield.camera.photograph import Photograph
 from testfield.detect.circle_grid import order_grid
 from testfield.detect.detect import Targets, measure_targets
 from testfield.detect.noise import estimate_sheet
-from testfield.detect.observations import MEASURED, Observations
+from testfield.detect.observations import MEASURED, TEXTURE, Observations
 from testfield.detect.opencv_boards import Corners, detect_board
 from testfield.detect.photo_corners import with_covariance
 from testfield.detect.target_spec import TargetSpec
@@ -68,13 +68,19 @@ def detect_in_photograph(
     return max(found, key=_worth)
 
 
-def _worth(found: Found) -> tuple[int, int, int]:
+def _worth(found: Found) -> tuple[int, ...]:
+    """What a polarity is chosen by: codes, places in a grid, dots measured; where it has none of these, what was
+    refused of the size and shape of a dot, so that the reason is told."""
     o = found.observations
-    return int((o.code > 0).sum()), int((found.place[:, 0] >= 0).sum()), int((o.status == MEASURED).sum())
+    told = ~np.isin(o.status.astype(str), TEXTURE)
+    return (
+        int((o.code > 0).sum()), int((found.place[:, 0] >= 0).sum()), int((o.status == MEASURED).sum()),
+        int(told.sum()), len(o),
+    )  # fmt: skip
 
 
 def _dots(photograph: Photograph, target: TargetSpec, polarity: str, radii: str, smallest_px: float) -> Found:
-    image, sheet = photograph.pixels, estimate_sheet(photograph.pixels, photograph.bits)
+    image, sheet = photograph.pixels, estimate_sheet(photograph.pixels, photograph.bits, photograph.end_dn)
     middle = float(np.median(image))
     noise = float(np.sqrt(sheet.variance_dn2(np.array(middle))))
     notes = [polarity, f"noise {noise:.2f} DN at the median of {middle:.0f} DN, estimated from the image"]

@@ -5,6 +5,7 @@ What OpenCV reads says where every corner is to a pixel or so, from the corners 
 """
 
 from dataclasses import dataclass
+from itertools import product
 
 import cv2
 import numpy as np
@@ -13,8 +14,8 @@ from testfield.camera.images import Frame, SensorSheet
 from testfield.camera.plane_image import fit_plane, rough_lens
 from testfield.detect.bright import bright_marks
 from testfield.detect.corner_model import FittedCorners, fit_corners, offsets_px
+from testfield.detect.eight_bits import pictures
 from testfield.detect.observations import MEASURED, Observations
-from testfield.detect.opencv_boards import eight_bits
 from testfield.targets.board_pattern import CORNERS_A_TAG, SIDES, BoardPattern, dictionary
 from testfield.targets.field import Field, NominalBoard
 
@@ -59,7 +60,8 @@ class _Reader:
     """OpenCV's detectors on one image; tags of one dictionary are looked for once."""
 
     def __init__(self, image: np.ndarray):
-        self.bytes = eight_bits(image)
+        self.image = image
+        self.pictures = list(pictures(image))
         self.tags: dict[str, tuple[np.ndarray, np.ndarray]] = {}
 
     def board(self, pattern: BoardPattern) -> _Seen | None:
@@ -73,9 +75,14 @@ class _Reader:
             settings = cv2.aruco.DetectorParameters()
             settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
             detector = cv2.aruco.ArucoDetector(dictionary(pattern.names), settings)
-            quads, read, _ = detector.detectMarkers(self.bytes)
-            found = np.zeros(0, int) if read is None else np.asarray(read).ravel().astype(int)
-            self.tags[pattern.names] = found, np.asarray(quads, float).reshape(-1, CORNERS_A_TAG, 2)
+            numbers, corners = np.zeros(0, int), np.zeros((0, CORNERS_A_TAG, 2))
+            for picture in self.pictures:
+                quads, read, _ = detector.detectMarkers(picture)
+                found = np.zeros(0, int) if read is None else np.asarray(read).ravel().astype(int)
+                new = ~np.isin(found, numbers)
+                numbers = np.concatenate([numbers, found[new]])
+                corners = np.concatenate([corners, np.asarray(quads, float).reshape(-1, CORNERS_A_TAG, 2)[new]])
+            self.tags[pattern.names] = numbers, corners
         numbers, corners = self.tags[pattern.names]
         once = np.isin(numbers, [k for k in np.unique(numbers) if (numbers == k).sum() == 1])
         mine = np.flatnonzero(once & np.isin(numbers, pattern.tags))
@@ -98,9 +105,9 @@ class _Reader:
 
     def _checkerboard(self, pattern: BoardPattern) -> _Seen | None:
         size = (pattern.columns - 1, pattern.rows - 1)
-        for seed in range(CHECKERBOARD_TRIALS):
+        for picture, seed in product(self.pictures, range(CHECKERBOARD_TRIALS)):
             cv2.setRNGSeed(1 + seed)
-            found, corners = cv2.findChessboardCornersSB(self.bytes, size, flags=cv2.CALIB_CB_ACCURACY)
+            found, corners = cv2.findChessboardCornersSB(picture, size, flags=cv2.CALIB_CB_ACCURACY)
             seen = self._turned(pattern, np.asarray(corners, float).reshape(-1, 2)) if found else None
             if seen is not None:
                 return seen
@@ -127,8 +134,8 @@ class _Reader:
         maps = _local_maps(seen, middle)
         if maps is None:
             return False
-        at = np.rint(maps[0]).astype(int).clip(0, np.array(self.bytes.shape[::-1]) - 1)
-        level, black = self.bytes[at[:, 1], at[:, 0]].astype(float), pattern.cells.at(middle)
+        at = np.rint(maps[0]).astype(int).clip(0, np.array(self.image.shape[::-1]) - 1)
+        level, black = self.image[at[:, 1], at[:, 0]].astype(float), pattern.cells.at(middle)
         return bool(level[black].mean() < level[~black].mean())
 
 
