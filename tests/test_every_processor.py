@@ -161,7 +161,7 @@ def test_a_radiance_that_is_no_number_stops_a_run_by_station_and_pixel(value: fl
 
 def scenes_traced(code: str) -> int:
     """Different scenes in which a kernel's LLVM code traces: the second argument of each call, by its register."""
-    calls = re.findall(r"; -+ Ray (?:trace|test) -+\n\s*call void %\w+\(ptr %\w+, ptr (%\w+),", code)
+    calls = re.findall(r"call void %\w+\(ptr %\w+_in_0_1, ptr (%\w+), ptr %\w+_in_ctx_1,", code)
     assert len(calls) == code.count("- Ray t")
     return len(set(calls))
 
@@ -193,5 +193,5 @@ def test_no_kernel_traces_in_two_scenes() -> None:
         ray = mi.Ray3f(mi.Point3f(0, 0, mi.Float([4000.0, 5000.0])), mi.Vector3f(0, 0, -1))
         dr.eval(stage.still.ray_test(ray) & stage.moving.ray_test(ray))
         assert counts() == [2]  # the fault would be seen
-    assert sorted(set(found)) == [0, 1] or set(found) == {1}
+    assert max(found) == 1
     assert found.count(1) >= 3
