@@ -104,19 +104,31 @@ def test_geometry_is_certified_on_lesser_processors(target: str) -> None:
 
 
 @on_x86
-def test_a_target_that_does_not_exist_is_named() -> None:
+@pytest.mark.parametrize(
+    ("variable", "wrong", "right"),
+    [(jit_core.VARIABLE, "x86-64-v7", "x86-64-v3"), ("TESTFIELD_VARIANT", "llvm_ad_rgb", "llvm_ad_mono")],
+)
+def test_a_target_or_variant_that_does_not_exist_is_named(variable: str, wrong: str, right: str) -> None:
     code = "from testfield.render.variant import mitsuba; mitsuba()"
-    more = environment(TESTFIELD_LLVM_TARGET="x86-64-v7")
+    more = environment(**{variable: wrong})
     done = subprocess.run([sys.executable, "-c", code], env=more, capture_output=True, text=True)
     said = done.stderr.splitlines()[-1]
     assert done.returncode == 1
-    assert "TESTFIELD_LLVM_TARGET" in said and "x86-64-v7" in said and "x86-64-v3" in said
+    assert all(name in said for name in ("TestfieldError", variable, wrong, right))
 
 
 def test_a_target_that_the_processor_cannot_run_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(jit_core, "llvm_features", lambda: "+sse4.2,-avx2,+fma,+bmi2,+f16c")
     with pytest.raises(TestfieldError, match="avx2"):
         jit_core.set_llvm_target("x86-64-v3")
+
+
+def test_a_processor_without_fused_arithmetic_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    mitsuba()
+    jit_core.require_fused_arithmetic()
+    monkeypatch.setattr(jit_core, "llvm_features", lambda: "+sse2,+avx,-fma,-fma4")
+    with pytest.raises(TestfieldError, match="FMA"):
+        jit_core.require_fused_arithmetic()
 
 
 def test_what_is_not_a_number_has_the_first_place_and_what_lies_outside_the_nearest() -> None:
