@@ -21,7 +21,10 @@ from testfield.scene.load import parse_scene
 
 SCENES = Path(__file__).parents[1] / "scenes"
 DOTS = "extension_zone = { columns = 4, rows = 4, pitch_mm = 40, diameter_mm = 14, centre_mm = [-60, 0] }"
-CODES = "recognition_zone = { columns = 1, rows = 2, pitch_mm = 90, diameter_mm = 14, centre_mm = [90, 0], first_code = %d }"
+CODES = (
+    "recognition_zone = "
+    "{ columns = 1, rows = 2, pitch_mm = 90, diameter_mm = 14, centre_mm = [90, 0], first_code = %d }"
+)
 BOARDS = {
     "dots": f"{DOTS}\n{CODES % 1}",
     "bent": f"bow_mm = 12\nbow_axis_deg = 70\n{DOTS}\n{CODES % 3}",
@@ -90,7 +93,7 @@ def scene_text(kind: str) -> str:
 
 
 def render(kind: str) -> dict[str, np.ndarray]:
-    """Radiances of the kind: in even light and the sources' own, and if the name ends in `!` as a run makes them too."""
+    """Radiances of the kind in even light; if its name ends in `!`, also in computed light and path traced."""
     whole, kind = kind.endswith("!"), kind.rstrip("!")
     world = build_world(parse_scene(scene_text(kind), kind, SCENES))
     stage = build_stage(world)

@@ -33,7 +33,7 @@ def render(run: Run) -> Made:
     surroundings = (shapes, lights, materials)
     # Only what is sampled depends on how far and with which random numbers.
     sampling = (settings.noise_target, settings.most_samples, world.seed) if world.gloss else ()
-    device = os.environ.get("TESTFIELD_VARIANT", "")
+    device = os.environ.get("TESTFIELD_VARIANT", "") + os.environ.get("TESTFIELD_LLVM_TARGET", "")
     light_key = digest(code, device, surroundings, settings.light_spacing_mm, settings.light_paths, world.seed)
     fast = settings.mode == "fast"
     keys = {}

@@ -72,6 +72,13 @@ def set_llvm_target(name: str) -> None:
     set_target(name.encode(), target.more.encode() or None, target.width)
 
 
+def require_fused_arithmetic() -> None:
+    """Raise `TestfieldError` on an x86 processor without FMA: there Dr.Jit ends the process at the first kernel."""
+    has = llvm_features()
+    if "+sse2" in has and "+fma" not in has.split(","):
+        raise TestfieldError("this processor cannot multiply and add in one (FMA)", do="render on one of 2013 or later")
+
+
 def llvm_target() -> tuple[str, int]:
     """The processor for which kernels are made, and the floats in one of its vectors."""
     cpu = core_function("jit_llvm_target_cpu", "v", ctypes.c_char_p)()
