@@ -118,7 +118,7 @@ def test_random_targets_keep_their_places_when_more_come_or_a_board_moves_in_ano
         }
     )
     one, two = build_world(scene), build_world(changed)
-    place = [dict(zip(w.panels.name, w.panels.poses.t_mm.tolist(), strict=True)) for w in (one, two)]
+    place = [dict(zip(w.panels.name, w.panels.world_from_panel.t_mm.tolist(), strict=True)) for w in (one, two)]
     moved = [k for k in range(12) if place[0][f"check {200 + k}"] != place[1][f"check {200 + k}"]]
     assert len(moved) <= 2  # whom the other one, or the board, would touch
     assert np.array_equal(one.camera_from_world.t_mm[-3:], two.camera_from_world.t_mm[-3:])

@@ -289,6 +289,7 @@ def _misprints(board: BoardPart, marks: int, made: int) -> np.ndarray:
     of either, or a target more, leaves the others where they were."""
     if board.pattern is not None:
         return normals(made, f"print/{board.name}/pattern", marks, 2)
+    zones: dict[str, RecognitionZone | ExtensionZone]
     zones = {"coded": board.recognition_zone, "dots": board.extension_zone}
     return np.concatenate([
         Plane(made, f"print/{board.name}/{name}").normals(range(zone.rows), 2 * zone.columns).reshape(-1, 2)

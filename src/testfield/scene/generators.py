@@ -142,13 +142,14 @@ def _random_places(
             f"{part.count} targets {part.spacing_mm:g} mm apart do not fit in the box", f"check_targets[{number}]",
             "enlarge the box, or lower count or spacing_mm",
         )  # fmt: skip
-    # Each target tries places of its own stream: where another goes, or a board, moves only whom it would touch.
-    own = [generator(seed, f"check_targets/{part.first_code + k}/{part.seed}") for k in range(part.count)]
     places: list[np.ndarray] = []
     centres, radii = np.array([c for c, _ in clear_of]).reshape(-1, 3), np.array([r for _, r in clear_of])
     in_vain = 0
     while len(places) < part.count and in_vain < MOST_IN_VAIN:
-        place = own[len(places)].uniform(part.low_mm, part.high_mm)
+        if in_vain == 0:
+            # Each target has a stream of its own: where another goes, or a board, moves only whom it would touch.
+            rng = generator(seed, f"check_targets/{part.first_code + len(places)}/{part.seed}")
+        place = rng.uniform(part.low_mm, part.high_mm)
         in_vain += 1
         apart = not places or np.linalg.norm(place - np.array(places), axis=1).min() >= part.spacing_mm
         if apart and (np.linalg.norm(place - centres, axis=1) > radii).all():

@@ -84,7 +84,7 @@ def measure(case: Case, run: Run | None) -> list[dict[str, Any]]:
 def fits(
     points: Points, world: World, boards: tuple[str, ...], lengths_off: np.ndarray, scale_error: float = 0.0
 ) -> list[dict[str, Any]]:
-    """A row for every layout and way to fit, with known lengths off by `lengths_off` (len(ALL),) of their standard uncertainty.
+    """A row for every layout and way to fit; known lengths err by `lengths_off` (len(ALL),) standard uncertainties.
 
     `equal` and `covariance` weights with the bundle's whole covariance, and `alone`: the latter without the
     correlations between points. `boards` are those of the calibration, the first of which is the datum. A layout of
