@@ -83,7 +83,8 @@ def _error(w2: np.ndarray, mean: np.ndarray, small: np.ndarray) -> np.ndarray:
 
 def _summed(u: np.ndarray, mean: np.ndarray) -> np.ndarray:
     count, level = np.zeros(len(mean)), np.minimum(u, SUMMED_TO)
-    at, own = np.arange(len(mean)), np.zeros(len(mean), np.uint8)
+    at: np.ndarray = np.arange(len(mean))
+    own: np.ndarray = np.zeros(len(mean), np.uint8)
     chance, k = np.exp(-mean), 0
     rate, total = mean, chance.copy()
     while True:
