@@ -276,8 +276,8 @@ def _judged(
         notes.append("the certified places contradict each other or the rest: the network is free")
     if snooped.scatter > 1.5:
         notes.append(
-            f"the certificates scatter about the network {snooped.scatter:.1f} times as much as both claim, none of them "
-            "alone: the lens is not what the model says, or they are less certain than stated"
+            f"the certificates scatter about the network {snooped.scatter:.1f} times as much as both claim, none of "
+            "them alone: the lens is not what the model says, or they are less certain than stated"
         )
     u = [float(np.hypot(bar.u_length_mm, widest * bar.length_mm)) for bar in left]
     left = [replace(bar, u_length_mm=v) for bar, v in zip(left, u, strict=True)] if widest else left
@@ -338,6 +338,9 @@ def _said(
         return f"code {item.key} is {far:.3g} mm off its certified place ({sure}{swapped})"
     by = float(blunder.amount[0])
     if item.kind == PLACES:
+        times = 1 / max(1 - by, 1e-12)
+        if not 1 / OTHER_UNIT < times < OTHER_UNIT:
+            return f"the certified places are {times:.4g} times as far apart as the rest says ({sure}): in another unit"
         return f"the scale of the certified places is off by {100 * by:+.3g} % ({sure})"
     by = by / 1000
     guess = "" if abs(np.log1p(max(by, -0.9999))) < np.log(OTHER_UNIT) else ": they are in another unit"
@@ -347,8 +350,9 @@ def _said(
 def _record(item: _Item, sigmas: float, found: Blunder | None, off: _Misclosure, bars: list[ScaleBar]) -> dict:
     """What is kept of a certificate's test."""
     error = None if found is None else float(np.linalg.norm(found.amount))
+    if error is not None and item.kind == DIAMETERS:
+        error /= 1000  # a part, from thousandths
     return {
         "certificate": item.name, "kind": item.kind, "sigmas": float(found.sigmas if found else sigmas),
-        "off": error if error is None or item.kind in (DISTANCE, PLACE) else error / (1 if item.kind == PLACES else 1000),
-        "used": found is None, "contradicts": [off.items[k].name for k in found.alike] if found else [],
+        "off": error, "used": found is None, "contradicts": [off.items[k].name for k in found.alike] if found else [],
     }  # fmt: skip

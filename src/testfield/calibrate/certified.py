@@ -4,7 +4,7 @@ Here they make a start only, by what most of them agree on; which of them hold i
 images have settled among themselves.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.spatial.distance import pdist

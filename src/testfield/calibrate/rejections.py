@@ -24,6 +24,8 @@ LEAST_LOST = 4
 """Rejections of one group below which chance or dirt explains them."""
 ORDINARY = 0.02
 """Rate of rejections that needs no reason: a few misread marks in a hundred."""
+HOPELESS = 10.0
+"""How many times as large as claimed residuals may be before nothing fits."""
 HALF = 0.4
 """Part of all observations the loss of which leaves nobody to say who was wrong."""
 
@@ -60,14 +62,20 @@ def judged(calibration: Calibration, rows: tuple[dict, ...]) -> Calibration:
     for row in rows:
         if row["too_many"]:
             failures.append(
-                f"{NAMES[row['kind']]} '{row['name']}': {row['rejected']} of {row['used'] + row['rejected']} observations "
-                f"were rejected, more than its share: {WHY[row['kind']]}"
+                f"{NAMES[row['kind']]} '{row['name']}': {row['rejected']} of {row['used'] + row['rejected']} "
+                f"observations were rejected, more than its share: {WHY[row['kind']]}"
             )
     used, lost = calibration.used, len(calibration.rejected)
     if lost > HALF * (used + lost) and lost >= LEAST_LOST:
         failures.append(
-            f"{lost} of {used + lost} observations were rejected: what is left may be the wrong part; look at the images' "
-            "camera, the sheets, the numbers"
+            f"{lost} of {used + lost} observations were rejected: what is left may be the wrong part; look at the "
+            "images' camera, the sheets, the numbers"
+        )
+    variance = calibration.test.get("variance", 1.0)
+    if np.isfinite(variance) and variance > HOPELESS**2:
+        failures.append(
+            f"the residuals are {np.sqrt(variance):.0f} times as large as claimed, and no single observation is to blame: "
+            f"are all images by one camera, is its lens '{calibration.interior.model}', do the sheets fit?"
         )
     said = [sentence for sentence in failures if sentence not in calibration.notes]
     test = calibration.test

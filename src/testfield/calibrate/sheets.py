@@ -8,6 +8,8 @@ none of which is wrong; so sheets are asked before pixels are rejected, and the 
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial import cKDTree
+from scipy.spatial.distance import pdist, squareform
 from scipy.stats import chi2 as chi_squared
 
 from testfield.adjust.bundle import Adjustment, adjust
@@ -25,8 +27,8 @@ FEW = 0.2
 """Part of a board's marks that may be misplaced one by one before the board's whole sheet is called wrong."""
 CONTROLLED = 1e-6
 """Redundancy number below which a certificate's error shows nowhere."""
-SHAPE = 0.9
-"""Part of the marks' misfit that a stretched sheet must explain to be called that."""
+SHAPE = 0.5
+"""Part of neighbouring marks that must be as much too far apart as the others before a sheet is called stretched."""
 
 
 @dataclass(frozen=True)
@@ -152,24 +154,28 @@ def _test(right: np.ndarray, normal: np.ndarray) -> tuple[float, int, np.ndarray
     return float((along**2 / values[kept]).sum()), int(kept.sum()), amount
 
 
-def stretch(network: Network, board: int, labels: list[str]) -> tuple[np.ndarray, float]:
-    """By what parts (3,) a board's sheet is too long in x and in y, and sheared, as the others show it, and the part
-    (0 to 1) of its marks' misfit that this explains: its marks are adjusted as if hardly anything were known of them."""
+def stretch(network: Network, board: int, labels: list[str]) -> tuple[float, float, float]:
+    """How many times too large a board's sheet makes the distances between neighbours in x and in y, as the other
+    boards show it, and the part (0 to 1) of neighbours of which that is so.
+
+    Its marks are adjusted as if hardly anything were known of them. Medians: a zone of the board may be right.
+    """
     marks = np.intersect1d(np.flatnonzero(network.point_board == board), network.seen_points)
-    extent = float(np.linalg.norm(np.ptp(network.known_mm[marks], axis=0)))
+    known = network.known_mm[marks, :2]
     information = network.information.copy()
-    information[marks] = np.eye(3) / (0.1 * extent) ** 2
-    found = adjust(replace(network, information=information), labels).network
-    x, y = (network.known_mm[marks, :2] - network.known_mm[marks, :2].mean(axis=0)).T
-    off = (network.known_mm - found.point_mm)[marks, :2]
-    zero, one = np.zeros(len(marks)), np.ones(len(marks))
-    columns = np.stack([
-        np.column_stack(part) for part in ((x, zero), (zero, y), (y, x), (-y, x), (one, zero), (zero, one))
-    ]).reshape(6, -1).T  # fmt: skip
-    amount = np.linalg.lstsq(columns, off.ravel(), rcond=None)[0]
-    rigid = columns[:, 3:] @ amount[3:]
-    left, all_of_it = off.ravel() - columns @ amount, off.ravel() - rigid
-    return amount[:3], 1 - float((left**2).sum() / max((all_of_it**2).sum(), 1e-300))
+    information[marks] = np.eye(3) / (0.1 * float(np.linalg.norm(np.ptp(known, axis=0)))) ** 2
+    found = adjust(replace(network, information=information), labels).network.point_mm[marks, :2]
+    a, b = np.nonzero(np.triu(squareform(pdist(known)) < 1.5 * np.median(cKDTree(known).query(known, 2)[0][:, 1]), 1))
+    sheet, seen = known[b] - known[a], found[b] - found[a]
+    factor, alike = [1.0, 1.0], []
+    for axis in (0, 1):
+        along = np.abs(sheet[:, axis]) > 4 * np.abs(sheet[:, 1 - axis])
+        if along.sum() < 3:
+            continue
+        ratio = np.linalg.norm(sheet[along], axis=1) / np.maximum(np.linalg.norm(seen[along], axis=1), 1e-12)
+        factor[axis] = float(np.median(ratio))
+        alike.append(np.abs(ratio / factor[axis] - 1) < 0.3 * np.abs(np.array(factor) - 1).max() + 1e-4)
+    return factor[0], factor[1], float(np.concatenate([*alike, np.zeros(0)]).mean()) if alike else 0.0
 
 
 def without_suspect(network: Network, found: Suspect) -> Network:
@@ -235,7 +241,7 @@ def tested_bars(adjustment: Adjustment, bars: Distances, names: tuple[str, ...])
         else:
             part = float(blunder.amount[0])
             u_scale = max(1.0, abs(part))
-            said = f"the scale of all boards' sheets is off by {100 * part:+.3g} % by the control bars, which make the scale"
+            said = f"by the control bars, which make the scale, all boards' sheets are off by {100 * part:+.3g} %"
         if rivals:
             left = "the boards' sheets" if len(bars) in blunder.alike or good.sum() == 0 else "the others"
             said += f"; nothing decides between it and {', '.join(rivals)}: the scale is from {left}"
