@@ -7,7 +7,7 @@ import numpy as np
 from testfield.adjust.bundle import Adjustment, adjust
 from testfield.adjust.network import Camera, Distances, Network, information_of
 from testfield.adjust.normals import target_normals
-from testfield.adjust.reliability import reliability
+from testfield.adjust.reliability import global_test, reliability
 from testfield.calibrate.doubts import geometric_doubts
 from testfield.calibrate.sheets import (
     FEW,
@@ -134,7 +134,7 @@ def _settle(network: Network, discs: _Discs | None, start: Start, rows: Observat
         size = _residual_sizes(adjustment)
         # A bad point drags its neighbours along: only residuals near the worst go in one round.
         bad = (size > REJECT_SIGMA) & (size > 0.3 * size.max())
-        doubtful = _wrong_sheet(adjustment, labels, start, names, bool(bad.any()))
+        doubtful = _wrong_sheet(adjustment, labels, start, names)
         if doubtful:
             before = sum(len(r["marks"]) for r in records if r["board"] == doubtful.board)
             named = ", ".join(names[k] for k in doubtful.marks)
@@ -199,21 +199,19 @@ def _at_rest(network: Network, discs: _Discs | None, start: Start) -> tuple[Adju
     return adjustment, _doubts(adjustment)
 
 
-def _wrong_sheet(
-    adjustment: Adjustment, labels: list[str], start: Start, names: list[str], misfit: bool
-) -> Suspect | None:
+def _wrong_sheet(adjustment: Adjustment, labels: list[str], start: Start, names: list[str]) -> Suspect | None:
     """What of the sheets misses the rest by more than any observation does."""
-    if not misfit and not adjustment.network.known_boards:
-        return None
-    network = loosened(adjustment.network)
-    loose = adjust(network, labels) if misfit else adjustment
-    test = reliability(loose).test
-    typical = max(float(np.median(test)) / 1.1774, 1.0)
+    white = _residual_sizes(adjustment, scaled=False)
+    typical = max(float(np.median(white)) / 1.1774, 1.0)
+    test = global_test(adjustment)
+    loose = adjustment
+    if test.variance > test.high or white.max(initial=0) > REJECT_SIGMA * typical:
+        loose = adjust(loosened(adjustment.network), labels)
     found = suspect(loose, start.boards, names, typical)
-    if found is None or (found.value - found.rank) < (float(test.max(initial=0)) / typical) ** 2 - 2:
+    if found is None or (len(start.boards) < 2 and not found.marks):
         return None
-    alone = len(start.boards) < 2
-    return None if alone and not found.marks else found
+    worst = float(reliability(loose).test.max(initial=0)) / typical
+    return found if found.value - found.rank > worst**2 - 2 else None
 
 
 def _without_board(adjustment: Adjustment, found: Suspect, start: Start, left: np.ndarray, many: bool) -> Settled:
@@ -288,9 +286,11 @@ def _refined(network: Network, coarse: Network) -> Network:
     return replace(network, cameras=cameras, stations=coarse.stations, boards=coarse.boards, point_mm=points)
 
 
-def _residual_sizes(adjustment: Adjustment) -> np.ndarray:
-    """(m,) residuals in units of their standard deviations, those of the adjustment's overall misfit."""
+def _residual_sizes(adjustment: Adjustment, scaled: bool = True) -> np.ndarray:
+    """(m,) residuals in units of their standard deviations, those of the adjustment's overall misfit where `scaled`."""
     white = np.linalg.solve(np.linalg.cholesky(adjustment.network.cov_px2), adjustment.residual_px[..., None])[..., 0]
     size = np.linalg.norm(white, axis=1)
+    if not scaled:
+        return size
     typical = np.median(size) / 1.1774  # the median length of a standard normal vector in the plane
     return size / max(typical, 1.0)

@@ -61,8 +61,9 @@ def suspect(adjustment: Adjustment, boards: tuple[str, ...], names: list[str], t
     times what is claimed; `names` (n,) of the points."""
     network = adjustment.network
     found = [*_poses(adjustment, boards, typical)]
+    blocks = adjustment.cov.point_blocks()
     for b in range(len(boards)):
-        found += _of_board(adjustment, b, boards, names, typical)
+        found += _of_board(adjustment, b, blocks, boards, names, typical)
     limit = FALSE_ALARM / max(len(names), 1)
     found = [s for s in found if s.rank and s.value > chi_squared.ppf(1 - limit, s.rank)]
     if not found:
@@ -80,30 +81,31 @@ def suspect(adjustment: Adjustment, boards: tuple[str, ...], names: list[str], t
 
 
 def _of_board(
-    adjustment: Adjustment, b: int, boards: tuple[str, ...], names: list[str], typical: float
+    adjustment: Adjustment, b: int, blocks: np.ndarray, boards: tuple[str, ...], names: list[str], typical: float
 ) -> list[Suspect]:
-    """The board's stretched sheet and its most misplaced marks."""
+    """The board's stretched sheet and its most misplaced marks; `blocks` (n, 3, 3) are the points' covariances."""
     network = adjustment.network
     marks = np.intersect1d(np.flatnonzero(network.point_board == b), network.seen_points)
     known = np.einsum("nii->ni", network.information)[marks]
     marks, known = marks[known[:, 0] > 0], known[known[:, 0] > 0]
     if len(marks) < 4:
         return []
-    P = known.ravel()
-    v = (network.known_mm - network.point_mm)[marks].ravel() / typical
-    C = adjustment.cov.points(marks)
-    Q = np.diag(P) - P[:, None] * C * P  # P Q_vv P
-    xy = network.known_mm[marks, :2] - network.known_mm[marks, :2].mean(axis=0)
+    v = (network.known_mm - network.point_mm)[marks] / typical
+    x, y = (network.known_mm[marks, :2] - network.known_mm[marks, :2].mean(axis=0)).T
     zero = np.zeros(len(marks))
-    H = np.stack([
-        np.column_stack([xy[:, 0], zero, zero]), np.column_stack([zero, xy[:, 1], zero]),
-        np.column_stack([xy[:, 1], xy[:, 0], zero]),
-    ]).reshape(3, -1).T  # fmt: skip
-    value, rank, _ = _test(H.T @ (P * v), H.T @ Q @ H)
+    columns = np.stack([
+        np.column_stack([x, zero, zero]), np.column_stack([zero, y, zero]), np.column_stack([y, x, zero])
+    ])  # fmt: skip
+    # With weights P and residuals v of covariance U - C, a blunder H has normal equations H' P (U - C) P H and the right
+    # side H' P v.
+    pulled = (columns * known).reshape(3, -1)
+    C = adjustment.cov.joint(np.zeros((3, len(adjustment.covariance))), marks, pulled)
+    value, rank, _ = _test(pulled @ v.ravel(), pulled @ columns.reshape(3, -1).T - C)
     said = f"the sheet of board '{boards[b]}' does not fit it ({np.sqrt(value):.3g} standard deviations)"
     answer = [Suspect(value, rank, b, (), False, None, said)]
-    block = np.arange(len(marks))[:, None] * 3 + np.arange(3)
-    tests = [_test((P * v)[r], Q[np.ix_(r, r)]) for r in block]
+    tests = [
+        _test(p * e, np.diag(p) - p[:, None] * c * p) for p, e, c in zip(known, v, blocks[marks], strict=True)
+    ]  # fmt: skip
     values = np.array([t[0] for t in tests])
     rays = np.bincount(network.point, minlength=len(network.point_mm))[marks]
     values[rays < 2] = 0
