@@ -135,8 +135,9 @@ def attached(network: Network, ties: Ties, radius_mm: np.ndarray, held: Tested, 
     if abs(held.scale - 1) > 1e-3:
         radius_mm = radii(certified.radii(ties.code), measured_radii(network, ties.moments_px2))
     ends = np.array([[place[c] for c in bar.codes] for bar in held.bars], int).reshape(-1, 2)
-    lengths, u = ([getattr(bar, name) for bar in held.bars] for name in ("length_mm", "u_length_mm"))
-    return replace(network, distances=Distances(ends, np.array(lengths, float), np.array(u, float))), radius_mm
+    lengths = np.array([bar.length_mm for bar in held.bars], float)
+    u = np.array([bar.u_length_mm for bar in held.bars], float)
+    return replace(network, distances=Distances(ends, lengths, u)), radius_mm
 
 
 def _in_doubt(network: Network, ties: Ties, known: dict[int, tuple[np.ndarray, np.ndarray]]) -> str:
@@ -207,14 +208,14 @@ def _misclosure(
         scale[row] = at[c] - middle
         items.append(_Item(PLACE, c, _columns(q, row), f"code {c}"))
     for k, bar in enumerate(bars):
-        row = 3 * len(known) + k
+        line = 3 * len(known) + k
         a, b = bar.codes
         length = float(np.linalg.norm(at[a] - at[b]))
         toward = (at[a] - at[b]) / max(length, 1e-12)
-        value[row], own_cov[row] = bar.length_mm - length, max(bar.u_length_mm, EXACT_MM) ** 2
-        gain[row, column[a]], gain[row, column[b]] = -s * toward @ R, s * toward @ R
-        scale[row] = length
-        items.append(_Item(DISTANCE, k, _columns(q, slice(row, row + 1)), bar.name))
+        value[line], own_cov[line] = bar.length_mm - length, max(bar.u_length_mm, EXACT_MM) ** 2
+        gain[line, column[a]], gain[line, column[b]] = -s * toward @ R, s * toward @ R
+        scale[line] = length
+        items.append(_Item(DISTANCE, k, _columns(q, slice(line, line + 1)), bar.name))
     if known and (bars or own is not None):
         items.append(
             _Item(PLACES, 0, np.where(np.arange(q) < 3 * len(known), scale, 0)[:, None], "the certified places")
@@ -248,7 +249,7 @@ def _judged(
     """What holds, and what is said of what does not."""
     failures: list[str] = []
     dropped: dict[int, Blunder] = {b.number: b for b in snooped.found}
-    gone = {off.items[k].kind: [] for k in dropped} | {DISTANCE: [], PLACE: []}
+    gone: dict[str, list[int]] = {off.items[k].kind: [] for k in dropped} | {DISTANCE: [], PLACE: []}
     for k in dropped:
         gone[off.items[k].kind].append(off.items[k].key)
     places = {} if PLACES in gone else {c: v for c, v in known.items() if c not in gone[PLACE]}

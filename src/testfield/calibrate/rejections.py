@@ -74,8 +74,8 @@ def judged(calibration: Calibration, rows: tuple[dict, ...]) -> Calibration:
     variance = calibration.test.get("variance", 1.0)
     if np.isfinite(variance) and variance > HOPELESS**2:
         failures.append(
-            f"the residuals are {np.sqrt(variance):.0f} times as large as claimed, and no single observation is to blame: "
-            f"are all images by one camera, is its lens '{calibration.interior.model}', do the sheets fit?"
+            f"the residuals are {np.sqrt(variance):.0f} times as large as claimed, and no single observation is to "
+            f"blame: are all images by one camera, is its lens '{calibration.interior.model}', do the sheets fit?"
         )
     said = [sentence for sentence in failures if sentence not in calibration.notes]
     test = calibration.test
@@ -91,6 +91,31 @@ WHY = {
     "camera": "are all its images by one camera?",
     "certificate": "are its targets those that are meant?",
 }
+
+
+def lossy(rejections: tuple[dict, ...]) -> list[dict]:
+    """Groups that lost any observation, the hardest hit first."""
+    some = [row for row in rejections if row["rejected"]]
+    return sorted(some, key=lambda row: (not row["too_many"], -row["rejected"] / (row["used"] + row["rejected"])))
+
+
+def failed_checks(checks: Iterable[tuple[str, float | None]]) -> list[str]:
+    """A sentence for every check distance (its name and E_n) that misses its certificate by more than both state."""
+    return [
+        f"the check distance '{name}' FAILED: E_n = {en:+.2f}, and at most 1 in size is allowed"
+        for name, en in checks
+        if en is not None and not abs(en) <= 1
+    ]
+
+
+def failed(calibration: Calibration, failures: list[str]) -> Calibration:
+    """The calibration with more failures: not passed, where there are any."""
+    if not failures:
+        return calibration
+    test = calibration.test | {"passed": False} if calibration.test else calibration.test
+    return replace(
+        calibration, failures=(*calibration.failures, *failures), notes=(*failures, *calibration.notes), test=test
+    )
 
 
 def of_boards(calibration: Calibration, used: Observations, field: Field) -> Calibration:

@@ -40,8 +40,7 @@ SETTLED_PX = 1e-7
 class Settled:
     """An adjustment, the records of observations `rejected` on the way, `notes` for the reader; the `left` of the
     start's observations (an index); `certificates` tested and `failures` as in `Calibration`. Where a board's sheet is
-    `wrong` (its place in the start), or a `lost` image contradicts the others on the whole, all must begin again without
-    it."""
+    `wrong` (its place in the start), or a `lost` image contradicts the others, all must begin again without it."""
 
     adjustment: Adjustment
     rejected: list[dict]

@@ -92,10 +92,9 @@ def _of_board(
         return []
     v = (network.known_mm - network.point_mm)[marks] / typical
     x, y = (network.known_mm[marks, :2] - network.known_mm[marks, :2].mean(axis=0)).T
-    zero = np.zeros(len(marks))
-    columns = np.stack([
-        np.column_stack([x, zero, zero]), np.column_stack([zero, y, zero]), np.column_stack([y, x, zero])
-    ])  # fmt: skip
+    columns = np.zeros((3, len(marks), 3))
+    columns[0, :, 0], columns[1, :, 1] = x, y
+    columns[2, :, 0], columns[2, :, 1] = y, x
     # With weights P and residuals v of covariance U - C, a blunder H has normal equations H' P (U - C) P H and the right
     # side H' P v.
     pulled = (columns * known).reshape(3, -1)
@@ -204,7 +203,7 @@ class Bars:
 def tested_bars(adjustment: Adjustment, bars: Distances, names: tuple[str, ...]) -> Bars:
     """Test distances `bars` called `names` against an adjustment without them, and the boards' scale against them."""
     network = adjustment.network
-    seen = np.isin(bars.ends, network.seen_points).all(axis=1)
+    seen = np.asarray(np.isin(bars.ends, network.seen_points).all(axis=1))
     notes = [
         f"control bar '{names[k]}' lost an end to rejected observations and is left out" for k in np.flatnonzero(~seen)
     ]
@@ -220,10 +219,10 @@ def tested_bars(adjustment: Adjustment, bars: Distances, names: tuple[str, ...])
     rows = np.arange(len(bars))
     gain[rows, place[:, 0]] += gap / length[:, None]
     gain[rows, place[:, 1]] -= gap / length[:, None]
-    gain = gain.reshape(len(bars), -1)
+    flat = gain.reshape(len(bars), -1)
     test = global_test(adjustment)
     misfit = test.variance if test.variance > max(test.high, 1.0) else 1.0
-    cov = misfit * gain @ adjustment.cov.points(points) @ gain.T
+    cov = misfit * flat @ adjustment.cov.points(points) @ flat.T
     cov += np.diag(np.maximum(bars.u_mm, EXACT_MM) ** 2)
     possible = [np.eye(len(bars))[:, [k]] for k in rows] + [length[:, None]]
     off = snoop(
