@@ -135,8 +135,9 @@ def attached(network: Network, ties: Ties, radius_mm: np.ndarray, held: Tested, 
     if abs(held.scale - 1) > 1e-3:
         radius_mm = radii(certified.radii(ties.code), measured_radii(network, ties.moments_px2))
     ends = np.array([[place[c] for c in bar.codes] for bar in held.bars], int).reshape(-1, 2)
-    lengths, u = ([getattr(bar, name) for bar in held.bars] for name in ("length_mm", "u_length_mm"))
-    return replace(network, distances=Distances(ends, np.array(lengths, float), np.array(u, float))), radius_mm
+    lengths = np.array([bar.length_mm for bar in held.bars], float)
+    u = np.array([bar.u_length_mm for bar in held.bars], float)
+    return replace(network, distances=Distances(ends, lengths, u)), radius_mm
 
 
 def _in_doubt(network: Network, ties: Ties, known: dict[int, tuple[np.ndarray, np.ndarray]]) -> str:
@@ -207,14 +208,14 @@ def _misclosure(
         scale[row] = at[c] - middle
         items.append(_Item(PLACE, c, _columns(q, row), f"code {c}"))
     for k, bar in enumerate(bars):
-        row = 3 * len(known) + k
+        line = 3 * len(known) + k
         a, b = bar.codes
         length = float(np.linalg.norm(at[a] - at[b]))
         toward = (at[a] - at[b]) / max(length, 1e-12)
-        value[row], own_cov[row] = bar.length_mm - length, max(bar.u_length_mm, EXACT_MM) ** 2
-        gain[row, column[a]], gain[row, column[b]] = -s * toward @ R, s * toward @ R
-        scale[row] = length
-        items.append(_Item(DISTANCE, k, _columns(q, slice(row, row + 1)), bar.name))
+        value[line], own_cov[line] = bar.length_mm - length, max(bar.u_length_mm, EXACT_MM) ** 2
+        gain[line, column[a]], gain[line, column[b]] = -s * toward @ R, s * toward @ R
+        scale[line] = length
+        items.append(_Item(DISTANCE, k, _columns(q, slice(line, line + 1)), bar.name))
     if known and (bars or own is not None):
         items.append(
             _Item(PLACES, 0, np.where(np.arange(q) < 3 * len(known), scale, 0)[:, None], "the certified places")
@@ -248,7 +249,7 @@ def _judged(
     """What holds, and what is said of what does not."""
     failures: list[str] = []
     dropped: dict[int, Blunder] = {b.number: b for b in snooped.found}
-    gone = {off.items[k].kind: [] for k in dropped} | {DISTANCE: [], PLACE: []}
+    gone: dict[str, list[int]] = {off.items[k].kind: [] for k in dropped} | {DISTANCE: [], PLACE: []}
     for k in dropped:
         gone[off.items[k].kind].append(off.items[k].key)
     places = {} if PLACES in gone else {c: v for c, v in known.items() if c not in gone[PLACE]}
@@ -276,8 +277,8 @@ def _judged(
         notes.append("the certified places contradict each other or the rest: the network is free")
     if snooped.scatter > 1.5:
         notes.append(
-            f"the certificates scatter about the network {snooped.scatter:.1f} times as much as both claim, none of them "
-            "alone: the lens is not what the model says, or they are less certain than stated"
+            f"the certificates scatter about the network {snooped.scatter:.1f} times as much as both claim, none of "
+            "them alone: the lens is not what the model says, or they are less certain than stated"
         )
     u = [float(np.hypot(bar.u_length_mm, widest * bar.length_mm)) for bar in left]
     left = [replace(bar, u_length_mm=v) for bar, v in zip(left, u, strict=True)] if widest else left
@@ -338,6 +339,9 @@ def _said(
         return f"code {item.key} is {far:.3g} mm off its certified place ({sure}{swapped})"
     by = float(blunder.amount[0])
     if item.kind == PLACES:
+        times = 1 / max(1 - by, 1e-12)
+        if not 1 / OTHER_UNIT < times < OTHER_UNIT:
+            return f"the certified places are {times:.4g} times as far apart as the rest says ({sure}): in another unit"
         return f"the scale of the certified places is off by {100 * by:+.3g} % ({sure})"
     by = by / 1000
     guess = "" if abs(np.log1p(max(by, -0.9999))) < np.log(OTHER_UNIT) else ": they are in another unit"
@@ -347,8 +351,9 @@ def _said(
 def _record(item: _Item, sigmas: float, found: Blunder | None, off: _Misclosure, bars: list[ScaleBar]) -> dict:
     """What is kept of a certificate's test."""
     error = None if found is None else float(np.linalg.norm(found.amount))
+    if error is not None and item.kind == DIAMETERS:
+        error /= 1000  # a part, from thousandths
     return {
         "certificate": item.name, "kind": item.kind, "sigmas": float(found.sigmas if found else sigmas),
-        "off": error if error is None or item.kind in (DISTANCE, PLACE) else error / (1 if item.kind == PLACES else 1000),
-        "used": found is None, "contradicts": [off.items[k].name for k in found.alike] if found else [],
+        "off": error, "used": found is None, "contradicts": [off.items[k].name for k in found.alike] if found else [],
     }  # fmt: skip

@@ -20,26 +20,33 @@ from testfield.targets.field import Field
 
 def calibrated(
     method: str,
-    begin: Callable[[frozenset[int]], Start],
+    begin: Callable[[Observations, frozenset[int]], Start],
     rows: Observations,
     field: Field,
     turned_down: list[dict],
     notes: list[str],
 ) -> Calibration:
-    """The calibration from the start that `begin` makes without some boards of the sheet: none at first, then those
-    whose sheets turn out to be wrong."""
+    """The calibration from the start that `begin` makes of observations without some boards of the sheet: of all at
+    first, then without images that contradict the others on the whole and boards whose sheets turn out to be wrong."""
     left_out: frozenset[int] = frozenset()
     failures: tuple[str, ...] = ()
     records: tuple[dict, ...] = ()
     while True:
-        start = begin(left_out)
+        start = begin(rows, left_out)
         found = settled(start, rows)
-        if found.wrong is None:
+        if found.lost is not None:
+            station = rows.stations.index(start.stations[found.lost])
+            here = rows.station == station
+            why = "of an image that contradicts the others"
+            turned_down = turned_down + [rejection(rows, field, k, None, why) for k in np.flatnonzero(here).tolist()]
+            rows = rows.take(~here)
+        elif found.wrong is not None:
+            failures, records = (*failures, *found.failures), (*records, *found.certificates)
+            wrong = [sheet.name for sheet in field.boards].index(start.boards[found.wrong])
+            left_out |= {wrong}
+        else:
             found = replace(found, failures=(*failures, *found.failures), certificates=(*records, *found.certificates))
             return finished(method, found, start, rows, field, turned_down, notes)
-        failures, records = (*failures, *found.failures), (*records, *found.certificates)
-        wrong = [sheet.name for sheet in field.boards].index(start.boards[found.wrong])
-        left_out |= {wrong}
 
 
 def finished(

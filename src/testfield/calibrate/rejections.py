@@ -24,6 +24,8 @@ LEAST_LOST = 4
 """Rejections of one group below which chance or dirt explains them."""
 ORDINARY = 0.02
 """Rate of rejections that needs no reason: a few misread marks in a hundred."""
+HOPELESS = 10.0
+"""How many times as large as claimed residuals may be before nothing fits."""
 HALF = 0.4
 """Part of all observations the loss of which leaves nobody to say who was wrong."""
 
@@ -60,14 +62,20 @@ def judged(calibration: Calibration, rows: tuple[dict, ...]) -> Calibration:
     for row in rows:
         if row["too_many"]:
             failures.append(
-                f"{NAMES[row['kind']]} '{row['name']}': {row['rejected']} of {row['used'] + row['rejected']} observations "
-                f"were rejected, more than its share: {WHY[row['kind']]}"
+                f"{NAMES[row['kind']]} '{row['name']}': {row['rejected']} of {row['used'] + row['rejected']} "
+                f"observations were rejected, more than its share: {WHY[row['kind']]}"
             )
     used, lost = calibration.used, len(calibration.rejected)
     if lost > HALF * (used + lost) and lost >= LEAST_LOST:
         failures.append(
-            f"{lost} of {used + lost} observations were rejected: what is left may be the wrong part; look at the images' "
-            "camera, the sheets, the numbers"
+            f"{lost} of {used + lost} observations were rejected: what is left may be the wrong part; look at the "
+            "images' camera, the sheets, the numbers"
+        )
+    variance = calibration.test.get("variance", 1.0)
+    if np.isfinite(variance) and variance > HOPELESS**2:
+        failures.append(
+            f"the residuals are {np.sqrt(variance):.0f} times as large as claimed, and no single observation is to "
+            f"blame: are all images by one camera, is its lens '{calibration.interior.model}', do the sheets fit?"
         )
     said = [sentence for sentence in failures if sentence not in calibration.notes]
     test = calibration.test
@@ -83,6 +91,31 @@ WHY = {
     "camera": "are all its images by one camera?",
     "certificate": "are its targets those that are meant?",
 }
+
+
+def lossy(rejections: tuple[dict, ...]) -> list[dict]:
+    """Groups that lost any observation, the hardest hit first."""
+    some = [row for row in rejections if row["rejected"]]
+    return sorted(some, key=lambda row: (not row["too_many"], -row["rejected"] / (row["used"] + row["rejected"])))
+
+
+def failed_checks(checks: Iterable[tuple[str, float | None]]) -> list[str]:
+    """A sentence for every check distance (its name and E_n) that misses its certificate by more than both state."""
+    return [
+        f"the check distance '{name}' FAILED: E_n = {en:+.2f}, and at most 1 in size is allowed"
+        for name, en in checks
+        if en is not None and not abs(en) <= 1
+    ]
+
+
+def failed(calibration: Calibration, failures: list[str]) -> Calibration:
+    """The calibration with more failures: not passed, where there are any."""
+    if not failures:
+        return calibration
+    test = calibration.test | {"passed": False} if calibration.test else calibration.test
+    return replace(
+        calibration, failures=(*calibration.failures, *failures), notes=(*failures, *calibration.notes), test=test
+    )
 
 
 def of_boards(calibration: Calibration, used: Observations, field: Field) -> Calibration:

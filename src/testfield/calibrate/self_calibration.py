@@ -83,7 +83,7 @@ class Job:
     scale_from: str
     rejected: tuple[dict, ...]
     notes: tuple[str, ...]
-    certified: Certified = Certified()
+    certified: Certified
 
     @property
     def labels(self) -> list[str]:

@@ -7,7 +7,7 @@ import numpy as np
 from testfield.adjust.bundle import Adjustment, adjust
 from testfield.adjust.network import Camera, Distances, Network, information_of
 from testfield.adjust.normals import target_normals
-from testfield.adjust.reliability import reliability
+from testfield.adjust.reliability import global_test, reliability
 from testfield.calibrate.doubts import geometric_doubts
 from testfield.calibrate.sheets import (
     FEW,
@@ -28,7 +28,10 @@ from testfield.errors import TestfieldError
 
 REJECT_SIGMA = 6.0
 """An observation is rejected whose residual is larger than this many of its own standard deviations."""
-STRETCHED = ("in x", "in y", "of shear")
+LOST = 0.5
+"""Part of an image's observations the loss of which leaves nothing to believe of it."""
+LEAST_STRETCH = 1e-4
+"""Part by which a sheet's spacing must be off to be called so."""
 ROUNDS = 12
 SETTLED_PX = 1e-7
 
@@ -36,8 +39,8 @@ SETTLED_PX = 1e-7
 @dataclass(frozen=True)
 class Settled:
     """An adjustment, the records of observations `rejected` on the way, `notes` for the reader; the `left` of the
-    start's observations (an index); `certificates` tested and `failures` as in `Calibration`; a board whose sheet is
-    `wrong` (its place in the start, none otherwise), without which all must begin again."""
+    start's observations (an index); `certificates` tested and `failures` as in `Calibration`. Where a board's sheet is
+    `wrong` (its place in the start), or a `lost` image contradicts the others, all must begin again without it."""
 
     adjustment: Adjustment
     rejected: list[dict]
@@ -46,6 +49,7 @@ class Settled:
     certificates: tuple[dict, ...] = ()
     failures: tuple[str, ...] = ()
     wrong: int | None = None
+    lost: int | None = None
 
 
 def settled(start: Start, rows: Observations) -> Settled:
@@ -60,7 +64,7 @@ def settled(start: Start, rows: Observations) -> Settled:
         found = adjust(coarse, coarse.labels(start.stations, start.boards))
         network = replace(_refined(start.network, found.network), distances=Distances())
         answer = _settle(network, discs, start, rows)
-        if answer.wrong is None and len(start.network.distances):
+        if answer.wrong is None and answer.lost is None and len(start.network.distances):
             bars = tested_bars(answer.adjustment, start.network.distances, start.bars)
             discs = discs.take(answer.left) if discs else None
             adjustment, doubts = _at_rest(bars.network, discs, start)
@@ -129,10 +133,13 @@ def _settle(network: Network, discs: _Discs | None, start: Start, rows: Observat
         size = _residual_sizes(adjustment)
         # A bad point drags its neighbours along: only residuals near the worst go in one round.
         bad = (size > REJECT_SIGMA) & (size > 0.3 * size.max())
-        doubtful = _wrong_sheet(adjustment, labels, start, names, bool(bad.any()))
+        doubtful = _wrong_sheet(adjustment, labels, start, names)
         if doubtful:
             before = sum(len(r["marks"]) for r in records if r["board"] == doubtful.board)
-            records.append({"board": doubtful.board, "marks": doubtful.marks, "said": doubtful.said})
+            named = ", ".join(names[k] for k in doubtful.marks)
+            name = f"{f'{named} of ' if named else ''}board '{start.boards[doubtful.board]}'"
+            sigmas = float(np.sqrt(doubtful.value))
+            records.append({"board": doubtful.board, "marks": doubtful.marks, "name": name, "sigmas": sigmas})
             many = before + len(doubtful.marks) > most
             if not doubtful.pose and (many or not doubtful.marks):
                 return _without_board(adjustment, doubtful, start, left, many)
@@ -142,7 +149,10 @@ def _settle(network: Network, discs: _Discs | None, start: Start, rows: Observat
         if not bad.any() and (
             discs is None or np.allclose(discs.offsets(network), network.offset_px, rtol=0, atol=SETTLED_PX)
         ):
-            return Settled(adjustment, rejected, notes + _doubts(adjustment), left, _said_of(records, start))
+            return Settled(adjustment, rejected, notes + _doubts(adjustment), left, _said_of(records))
+        lost = _lost_image(start, left, bad, network)
+        if lost is not None:
+            return Settled(adjustment, [], [], left, lost=lost)
         for k in np.flatnonzero(bad):
             owner = network.point_board[network.point[k]]
             board = start.boards[owner] if owner >= 0 else ""
@@ -157,7 +167,22 @@ def _settle(network: Network, discs: _Discs | None, start: Start, rows: Observat
         network, discs, left = network.take(~bad), discs.take(~bad) if discs else None, left[~bad]
     adjustment = adjust(network, labels)
     notes += ["the rejection of outliers had not come to rest", *_doubts(adjustment)]
-    return Settled(adjustment, rejected, notes, left, _said_of(records, start))
+    return Settled(adjustment, rejected, notes, left, _said_of(records))
+
+
+def _lost_image(start: Start, left: np.ndarray, bad: np.ndarray, network: Network) -> int | None:
+    """The image that loses most of its observations, if one does while the others keep theirs: it is misnumbered, or by
+    another camera, and what of it would agree agrees by chance."""
+    images = len(start.stations)
+    if images < 3:
+        return None
+    whole = np.bincount(start.network.image, minlength=images)
+    kept = np.bincount(network.image[~bad], minlength=images)
+    share = 1 - kept / np.maximum(whole, 1)
+    worst = int(np.argmax(share))
+    others = np.delete(np.arange(images), worst)
+    rate = 1 - kept[others].sum() / max(whole[others].sum(), 1)
+    return worst if share[worst] > LOST and rate < LOST / 2 else None
 
 
 def _at_rest(network: Network, discs: _Discs | None, start: Start) -> tuple[Adjustment, list[str]]:
@@ -173,51 +198,56 @@ def _at_rest(network: Network, discs: _Discs | None, start: Start) -> tuple[Adju
     return adjustment, _doubts(adjustment)
 
 
-def _wrong_sheet(
-    adjustment: Adjustment, labels: list[str], start: Start, names: list[str], misfit: bool
-) -> Suspect | None:
+def _wrong_sheet(adjustment: Adjustment, labels: list[str], start: Start, names: list[str]) -> Suspect | None:
     """What of the sheets misses the rest by more than any observation does."""
-    if not misfit and not adjustment.network.known_boards:
-        return None
-    network = loosened(adjustment.network)
-    loose = adjust(network, labels) if misfit else adjustment
-    test = reliability(loose).test
-    typical = max(float(np.median(test)) / 1.1774, 1.0)
+    white = _residual_sizes(adjustment, scaled=False)
+    typical = max(float(np.median(white)) / 1.1774, 1.0)
+    test = global_test(adjustment)
+    loose = adjustment
+    if test.variance > test.high or white.max(initial=0) > REJECT_SIGMA * typical:
+        loose = adjust(loosened(adjustment.network), labels)
     found = suspect(loose, start.boards, names, typical)
-    if found is None or (found.value - found.rank) < (float(test.max(initial=0)) / typical) ** 2 - 2:
+    if found is None or (len(start.boards) < 2 and not found.marks):
         return None
-    alone = len(start.boards) < 2
-    return None if alone and not found.marks else found
+    worst = float(reliability(loose).test.max(initial=0)) / typical
+    return found if found.value - found.rank > worst**2 - 2 else None
 
 
 def _without_board(adjustment: Adjustment, found: Suspect, start: Start, left: np.ndarray, many: bool) -> Settled:
     """What is said of a board whose sheet is wrong."""
     network, name = adjustment.network, start.boards[found.board]
     said = f"the sheet of board '{name}' does not fit it ({np.sqrt(found.value):.3g} standard deviations)"
-    parts, explained = stretch(network, found.board, network.labels(start.stations, start.boards))
-    large = np.abs(parts) > 0.1 * np.abs(parts).max()
-    shape = ", ".join(f"{100 * p:+.2g} % {what}" for p, what, big in zip(parts, STRETCHED, large, strict=True) if big)
-    if explained > SHAPE:
-        said += f": its spacing is off by {shape}"
+    *factors, alike = stretch(network, found.board, network.labels(start.stations, start.boards))
+    shape = " and ".join(
+        f"in {axis} {100 * (f - 1):+.2g} %" for axis, f in zip("xy", factors, strict=True) if abs(f - 1) > LEAST_STRETCH
+    )
+    if shape and alike > SHAPE:
+        said += f": its spacing is off {shape}"
     elif many:
         said += ": many of its marks lie elsewhere (are they numbered or placed as on the sheet?)"
     if found.alike is not None:
         said += (
-            f"; nothing decides between it and board '{start.boards[found.alike]}', which comes first on the field's sheet "
-            "and is believed"
+            f"; nothing decides between it and board '{start.boards[found.alike]}', which comes first on the field's "
+            "sheet and is believed"
         )
     record = {"certificate": start.boards[found.board], "kind": "sheet", "sigmas": float(np.sqrt(found.value)),
               "off": None, "used": False, "contradicts": []}  # fmt: skip
     return Settled(adjustment, [], [], left, (record,), (f"{said}: the board is left out",), found.board)
 
 
-def _said_of(records: list[dict], start: Start) -> tuple[dict, ...]:
+def _said_of(records: list[dict]) -> tuple[dict, ...]:
     """Records of marks and poses that were found wrong."""
     return tuple(
-        {"certificate": r["said"].split(" is ")[0], "kind": "mark" if r["marks"] else "pose", "sigmas": None, "off": None,
-         "used": False, "contradicts": []}
+        {
+            "certificate": r["name"],
+            "kind": "mark" if r["marks"] else "pose",
+            "sigmas": r["sigmas"],
+            "off": None,
+            "used": False,
+            "contradicts": [],
+        }
         for r in records
-    )  # fmt: skip
+    )
 
 
 def _names(start: Start, rows: Observations) -> list[str]:
@@ -255,9 +285,11 @@ def _refined(network: Network, coarse: Network) -> Network:
     return replace(network, cameras=cameras, stations=coarse.stations, boards=coarse.boards, point_mm=points)
 
 
-def _residual_sizes(adjustment: Adjustment) -> np.ndarray:
-    """(m,) residuals in units of their standard deviations, those of the adjustment's overall misfit."""
+def _residual_sizes(adjustment: Adjustment, scaled: bool = True) -> np.ndarray:
+    """(m,) residuals in units of their standard deviations, those of the adjustment's overall misfit where `scaled`."""
     white = np.linalg.solve(np.linalg.cholesky(adjustment.network.cov_px2), adjustment.residual_px[..., None])[..., 0]
     size = np.linalg.norm(white, axis=1)
+    if not scaled:
+        return size
     typical = np.median(size) / 1.1774  # the median length of a standard normal vector in the plane
     return size / max(typical, 1.0)

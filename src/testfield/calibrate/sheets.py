@@ -8,6 +8,8 @@ none of which is wrong; so sheets are asked before pixels are rejected, and the 
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial import cKDTree
+from scipy.spatial.distance import pdist, squareform
 from scipy.stats import chi2 as chi_squared
 
 from testfield.adjust.bundle import Adjustment, adjust
@@ -25,8 +27,8 @@ FEW = 0.2
 """Part of a board's marks that may be misplaced one by one before the board's whole sheet is called wrong."""
 CONTROLLED = 1e-6
 """Redundancy number below which a certificate's error shows nowhere."""
-SHAPE = 0.9
-"""Part of the marks' misfit that a stretched sheet must explain to be called that."""
+SHAPE = 0.5
+"""Part of neighbouring marks that must be as much too far apart as the others before a sheet is called stretched."""
 
 
 @dataclass(frozen=True)
@@ -59,8 +61,9 @@ def suspect(adjustment: Adjustment, boards: tuple[str, ...], names: list[str], t
     times what is claimed; `names` (n,) of the points."""
     network = adjustment.network
     found = [*_poses(adjustment, boards, typical)]
+    blocks = adjustment.cov.point_blocks()
     for b in range(len(boards)):
-        found += _of_board(adjustment, b, boards, names, typical)
+        found += _of_board(adjustment, b, blocks, boards, names, typical)
     limit = FALSE_ALARM / max(len(names), 1)
     found = [s for s in found if s.rank and s.value > chi_squared.ppf(1 - limit, s.rank)]
     if not found:
@@ -78,30 +81,30 @@ def suspect(adjustment: Adjustment, boards: tuple[str, ...], names: list[str], t
 
 
 def _of_board(
-    adjustment: Adjustment, b: int, boards: tuple[str, ...], names: list[str], typical: float
+    adjustment: Adjustment, b: int, blocks: np.ndarray, boards: tuple[str, ...], names: list[str], typical: float
 ) -> list[Suspect]:
-    """The board's stretched sheet and its most misplaced marks."""
+    """The board's stretched sheet and its most misplaced marks; `blocks` (n, 3, 3) are the points' covariances."""
     network = adjustment.network
     marks = np.intersect1d(np.flatnonzero(network.point_board == b), network.seen_points)
     known = np.einsum("nii->ni", network.information)[marks]
     marks, known = marks[known[:, 0] > 0], known[known[:, 0] > 0]
     if len(marks) < 4:
         return []
-    P = known.ravel()
-    v = (network.known_mm - network.point_mm)[marks].ravel() / typical
-    C = adjustment.cov.points(marks)
-    Q = np.diag(P) - P[:, None] * C * P  # P Q_vv P
-    xy = network.known_mm[marks, :2] - network.known_mm[marks, :2].mean(axis=0)
-    zero = np.zeros(len(marks))
-    H = np.stack([
-        np.column_stack([xy[:, 0], zero, zero]), np.column_stack([zero, xy[:, 1], zero]),
-        np.column_stack([xy[:, 1], xy[:, 0], zero]),
-    ]).reshape(3, -1).T  # fmt: skip
-    value, rank, _ = _test(H.T @ (P * v), H.T @ Q @ H)
+    v = (network.known_mm - network.point_mm)[marks] / typical
+    x, y = (network.known_mm[marks, :2] - network.known_mm[marks, :2].mean(axis=0)).T
+    columns = np.zeros((3, len(marks), 3))
+    columns[0, :, 0], columns[1, :, 1] = x, y
+    columns[2, :, 0], columns[2, :, 1] = y, x
+    # With weights P and residuals v of covariance U - C, a blunder H has normal equations H' P (U - C) P H and the right
+    # side H' P v.
+    pulled = (columns * known).reshape(3, -1)
+    C = adjustment.cov.joint(np.zeros((3, len(adjustment.covariance))), marks, pulled)
+    value, rank, _ = _test(pulled @ v.ravel(), pulled @ columns.reshape(3, -1).T - C)
     said = f"the sheet of board '{boards[b]}' does not fit it ({np.sqrt(value):.3g} standard deviations)"
     answer = [Suspect(value, rank, b, (), False, None, said)]
-    block = np.arange(len(marks))[:, None] * 3 + np.arange(3)
-    tests = [_test((P * v)[r], Q[np.ix_(r, r)]) for r in block]
+    tests = [
+        _test(p * e, np.diag(p) - p[:, None] * c * p) for p, e, c in zip(known, v, blocks[marks], strict=True)
+    ]  # fmt: skip
     values = np.array([t[0] for t in tests])
     rays = np.bincount(network.point, minlength=len(network.point_mm))[marks]
     values[rays < 2] = 0
@@ -152,24 +155,28 @@ def _test(right: np.ndarray, normal: np.ndarray) -> tuple[float, int, np.ndarray
     return float((along**2 / values[kept]).sum()), int(kept.sum()), amount
 
 
-def stretch(network: Network, board: int, labels: list[str]) -> tuple[np.ndarray, float]:
-    """By what parts (3,) a board's sheet is too long in x and in y, and sheared, as the others show it, and the part
-    (0 to 1) of its marks' misfit that this explains: its marks are adjusted as if hardly anything were known of them."""
+def stretch(network: Network, board: int, labels: list[str]) -> tuple[float, float, float]:
+    """How many times too large a board's sheet makes the distances between neighbours in x and in y, as the other
+    boards show it, and the part (0 to 1) of neighbours of which that is so.
+
+    Its marks are adjusted as if hardly anything were known of them. Medians: a zone of the board may be right.
+    """
     marks = np.intersect1d(np.flatnonzero(network.point_board == board), network.seen_points)
-    extent = float(np.linalg.norm(np.ptp(network.known_mm[marks], axis=0)))
+    known = network.known_mm[marks, :2]
     information = network.information.copy()
-    information[marks] = np.eye(3) / (0.1 * extent) ** 2
-    found = adjust(replace(network, information=information), labels).network
-    x, y = (network.known_mm[marks, :2] - network.known_mm[marks, :2].mean(axis=0)).T
-    off = (network.known_mm - found.point_mm)[marks, :2]
-    zero, one = np.zeros(len(marks)), np.ones(len(marks))
-    columns = np.stack([
-        np.column_stack(part) for part in ((x, zero), (zero, y), (y, x), (-y, x), (one, zero), (zero, one))
-    ]).reshape(6, -1).T  # fmt: skip
-    amount = np.linalg.lstsq(columns, off.ravel(), rcond=None)[0]
-    rigid = columns[:, 3:] @ amount[3:]
-    left, all_of_it = off.ravel() - columns @ amount, off.ravel() - rigid
-    return amount[:3], 1 - float((left**2).sum() / max((all_of_it**2).sum(), 1e-300))
+    information[marks] = np.eye(3) / (0.1 * float(np.linalg.norm(np.ptp(known, axis=0)))) ** 2
+    found = adjust(replace(network, information=information), labels).network.point_mm[marks, :2]
+    a, b = np.nonzero(np.triu(squareform(pdist(known)) < 1.5 * np.median(cKDTree(known).query(known, 2)[0][:, 1]), 1))
+    sheet, seen = known[b] - known[a], found[b] - found[a]
+    factor, alike = [1.0, 1.0], []
+    for axis in (0, 1):
+        along = np.abs(sheet[:, axis]) > 4 * np.abs(sheet[:, 1 - axis])
+        if along.sum() < 3:
+            continue
+        ratio = np.linalg.norm(sheet[along], axis=1) / np.maximum(np.linalg.norm(seen[along], axis=1), 1e-12)
+        factor[axis] = float(np.median(ratio))
+        alike.append(np.abs(ratio / factor[axis] - 1) < 0.3 * np.abs(np.array(factor) - 1).max() + 1e-4)
+    return factor[0], factor[1], float(np.concatenate([*alike, np.zeros(0)]).mean()) if alike else 0.0
 
 
 def without_suspect(network: Network, found: Suspect) -> Network:
@@ -196,7 +203,7 @@ class Bars:
 def tested_bars(adjustment: Adjustment, bars: Distances, names: tuple[str, ...]) -> Bars:
     """Test distances `bars` called `names` against an adjustment without them, and the boards' scale against them."""
     network = adjustment.network
-    seen = np.isin(bars.ends, network.seen_points).all(axis=1)
+    seen = np.asarray(np.isin(bars.ends, network.seen_points).all(axis=1))
     notes = [
         f"control bar '{names[k]}' lost an end to rejected observations and is left out" for k in np.flatnonzero(~seen)
     ]
@@ -212,10 +219,10 @@ def tested_bars(adjustment: Adjustment, bars: Distances, names: tuple[str, ...])
     rows = np.arange(len(bars))
     gain[rows, place[:, 0]] += gap / length[:, None]
     gain[rows, place[:, 1]] -= gap / length[:, None]
-    gain = gain.reshape(len(bars), -1)
+    flat = gain.reshape(len(bars), -1)
     test = global_test(adjustment)
     misfit = test.variance if test.variance > max(test.high, 1.0) else 1.0
-    cov = misfit * gain @ adjustment.cov.points(points) @ gain.T
+    cov = misfit * flat @ adjustment.cov.points(points) @ flat.T
     cov += np.diag(np.maximum(bars.u_mm, EXACT_MM) ** 2)
     possible = [np.eye(len(bars))[:, [k]] for k in rows] + [length[:, None]]
     off = snoop(
@@ -235,7 +242,7 @@ def tested_bars(adjustment: Adjustment, bars: Distances, names: tuple[str, ...])
         else:
             part = float(blunder.amount[0])
             u_scale = max(1.0, abs(part))
-            said = f"the scale of all boards' sheets is off by {100 * part:+.3g} % by the control bars, which make the scale"
+            said = f"by the control bars, which make the scale, all boards' sheets are off by {100 * part:+.3g} %"
         if rivals:
             left = "the boards' sheets" if len(bars) in blunder.alike or good.sum() == 0 else "the others"
             said += f"; nothing decides between it and {', '.join(rivals)}: the scale is from {left}"

@@ -27,7 +27,7 @@ def stitched(
     """
     rows, turned_down, notes = usable_rows(observations, field)
 
-    def begin(left_out: frozenset[int]) -> Start:
+    def begin(rows: Observations, left_out: frozenset[int]) -> Start:
         return starting_network(rows, field, width_px, height_px, lens, hold, left_out=left_out)
 
     return calibrated("stitched", begin, rows, field, turned_down, notes)
@@ -54,7 +54,7 @@ def stitched_given(
         )  # fmt: skip
     rows, turned_down, notes = usable_rows(observations, field)
 
-    def begin(left_out: frozenset[int]) -> Start:
+    def begin(rows: Observations, left_out: frozenset[int]) -> Start:
         return starting_network(rows, field, width_px, height_px, lens, hold, given=True, left_out=left_out)
 
     return calibrated("stitched_given", begin, rows, field, turned_down, notes)

@@ -39,7 +39,7 @@ def tsai(
     )
     held = ("k2", "k3", "p1", "p2", *(name for name in hold if name == "k1"))
 
-    def begin(left_out: frozenset[int]) -> Start:
+    def begin(rows: Observations, left_out: frozenset[int]) -> Start:
         return starting_network(
             rows, field, width_px, height_px, "brown", held, fixed=("cx", "cy"), guess=by_radial_alignment,
             least_stations=1, left_out=left_out,

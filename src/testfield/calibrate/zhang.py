@@ -26,10 +26,9 @@ def zhang(
     """
     rows, turned_down, notes = usable_rows(observations, field)
     alone, sheet = on_one_board(rows, field, best_board(rows, field, board))
-    start = starting_network(alone, sheet, width_px, height_px, lens, hold)
     notes.append(f"only board '{sheet.boards[0].name}' is used")
 
-    def begin(left_out: frozenset[int]) -> Start:
-        return starting_network(alone, sheet, width_px, height_px, lens, hold, left_out=left_out)
+    def begin(rows: Observations, left_out: frozenset[int]) -> Start:
+        return starting_network(rows, sheet, width_px, height_px, lens, hold, left_out=left_out)
 
     return calibrated("zhang", begin, alone, sheet, turned_down, notes)

@@ -9,6 +9,7 @@ from testfield.adjust.network import Images
 from testfield.calibrate.calibration import Calibration
 from testfield.calibrate.certified import Certified
 from testfield.calibrate.loose_discs import measured_radii
+from testfield.calibrate.rejections import failed, failed_checks
 from testfield.calibrate.self_calibration import FreeNetwork, free_network, settled
 from testfield.calibrate.self_start import loose_network
 from testfield.calibrate.stitched import stitched
@@ -29,8 +30,8 @@ LEAST_TOLERANCE_PX, MOST_TOLERANCE_PX = 0.3, 3.0
 
 @dataclass(frozen=True)
 class Length:
-    """A certified distance as measured, with standard uncertainties; `en` of a check distance, None of one that made
-    the scale."""
+    """A certified distance as measured, with standard uncertainties; `en` of a check distance and of one that was found
+    wrong, None of one that made the scale."""
 
     name: str
     role: str
@@ -98,8 +99,10 @@ def measure(
     named = np.full(len(observations), -1)
     job = result.job
     named[job.ties.row] = [place.get(int(c), -1) for c in job.ties.code[job.ties.point]]
-    lengths, said = _lengths(certified, points)
+    unused = {c["certificate"] for c in result.calibration.certificates if not c["used"]}
+    lengths, said = _lengths(certified, points, unused)
     calibration = replace(result.calibration, notes=(*result.calibration.notes, *said))
+    calibration = failed(calibration, failed_checks([(d.name, d.en) for d in lengths if d.role == "check"]))
     return Measurement(replace(observations, point=named), calibration, points, lengths, _datum(result, field))
 
 
@@ -151,7 +154,7 @@ def with_dots(result: FreeNetwork, observations: Observations, hold: tuple[str, 
     return settled(replace(job, network=wider, ties=ties, radius_mm=radius), hold, True)
 
 
-def _lengths(certified: Certified, points: Points) -> tuple[tuple[Length, ...], list[str]]:
+def _lengths(certified: Certified, points: Points, unused: set[str]) -> tuple[tuple[Length, ...], list[str]]:
     have, answer, notes = {int(c) for c in points.code}, [], []
     for bar in certified.bars:
         if not set(bar.codes) <= have:
@@ -160,7 +163,8 @@ def _lengths(certified: Certified, points: Points) -> tuple[tuple[Length, ...], 
             continue
         a, b = points.rows(list(bar.codes))
         length, u = points.distance(int(a), int(b))
-        en = (length - bar.length_mm) / (2 * np.hypot(u, max(bar.u_length_mm, 1e-9))) if bar.role == "check" else None
+        apart = bar.role == "check" or bar.name in unused
+        en = (length - bar.length_mm) / (2 * np.hypot(u, max(bar.u_length_mm, 1e-9))) if apart else None
         answer.append(
             Length(
                 bar.name,

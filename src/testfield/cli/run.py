@@ -5,6 +5,8 @@ import os
 from pathlib import Path
 from typing import Any
 
+from testfield.cli.show import add_strict
+
 
 def add(commands: Any) -> None:
     """Enter the command."""
@@ -20,6 +22,7 @@ def add(commands: Any) -> None:
         help="processes at once (default: one a core)",
     )
     p.add_argument("--json", action="store_true", help="print the scorecard as one JSON object")
+    add_strict(p)
     p.set_defaults(act=act)
 
 
@@ -28,7 +31,7 @@ def act(args: argparse.Namespace) -> int:
     from testfield.chain.files import disk_errors
     from testfield.chain.run import begin
     from testfield.chain.stages import STAGES, run_stage
-    from testfield.cli.show import jobs_of, show_result, show_warnings
+    from testfield.cli.show import failures_in, jobs_of, show_result, show_warnings, status_of
     from testfield.errors import TestfieldError
 
     if args.seed is not None and args.seed < 0:
@@ -40,4 +43,4 @@ def act(args: argparse.Namespace) -> int:
             run_stage(run, name)
     show_warnings(run.measuring_notes())
     show_result(run.folder, args.json)
-    return 0
+    return status_of(failures_in(run.folder / "scorecard.json"), args.strict)

@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from testfield.calibrate.rejections import lossy
 from testfield.calibrate.ties import point_name
 from testfield.chain.files import whole
 from testfield.chain.measure import Measurement
@@ -58,6 +59,10 @@ def write_measurement(result: Measurement, field: FieldFile, folder: Path, image
         "uncoded": result.uncoded,
         "lengths": [asdict(length) for length in result.lengths],
         "rejected": list(result.calibration.rejected),
+        "rejections": list(result.calibration.rejections),
+        "certificates": list(result.calibration.certificates),
+        "failures": list(result.calibration.failures),
+        "passed": not result.calibration.failures,
         "notes": list(result.calibration.notes),
     }
     with whole(folder / "measurement.json") as path:
@@ -93,10 +98,14 @@ def _figures(result: Measurement) -> list[tuple[str, str]]:
             ("claimed u of a coordinate, rms", f"{mean:.4f} mm"),
             ("the field's diagonal over that", f"1 : {extent / max(mean, 1e-12):,.0f}"),
         ]
-    worst = [length for length in result.lengths if length.en is not None]
+    worst = [length for length in result.lengths if length.en is not None and length.role == "check"]
     if worst:
         length = max(worst, key=lambda item: abs(item.en or 0))
-        rows.append(("check distance, measured minus certified", f"{length.measured_mm - length.certified_mm:+.4f} mm"))
+        off, en = length.measured_mm - length.certified_mm, length.en or 0.0
+        verdict = "" if abs(en) <= 1 else f", FAILED (E_n {en:+.2f})"
+        rows.append(("check distance, measured minus certified", f"{off:+.4f} mm{verdict}"))
+    if c.failures:
+        rows.append(("verdict", f"NOT passed: {len(c.failures)} failure(s)"))
     return rows
 
 
@@ -126,7 +135,8 @@ def _page(
         picture=_picture(folder / f"{best}.png"), plan=_svg(point_plan(result)) if len(points) else None,
         residuals=_svg(figures.residual_map(c)), interior=interior, stations=stations, points=rows,
         counts=sorted(zip(statuses.tolist(), counts.tolist(), strict=True), key=lambda row: -row[1]),
-        rejected=c.rejected, images=images,
+        rejected=c.rejected, images=images, failures=c.failures, groups=lossy(c.rejections),
+        certificates=c.certificates,
     )  # fmt: skip
 
 
