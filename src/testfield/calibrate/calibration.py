@@ -6,14 +6,16 @@ from pathlib import Path
 
 import numpy as np
 
+from testfield.calibrate.calibration_check import what_cannot_be
 from testfield.camera.interior import Interior
 from testfield.camera.pose import Poses
-from testfield.errors import speaking
+from testfield.errors import TestfieldError, speaking
 
 TUPLES = (
     "station_names", "board_names", "labels", "rejected", "notes", "joints", "board_quality", "rejections",
     "certificates", "failures",
 )  # fmt: skip
+NEEDED = ("station_names", "board_names", "labels")
 ARRAYS = ("covariance", "residual_at_px", "residual_px", "point_code", "point_mm")
 
 
@@ -86,16 +88,19 @@ class Calibration:
     @staticmethod
     @speaking("calibration")
     def load(path: Path) -> "Calibration":
-        """Read what `save` wrote."""
+        """Read what `save`, or anybody else, wrote. Raises `TestfieldError` for what does not fit together."""
         data = json.loads(path.read_text())
         data["interior"] = Interior.from_json(data["interior"])
         data["stations"], data["boards"] = (_poses(data[key]) for key in ("stations", "boards"))
         data |= {key: np.array(data[key]) for key in ARRAYS}
         data["point_code"], data["point_mm"] = data["point_code"].astype(int), data["point_mm"].reshape(-1, 3)
         for key in TUPLES:
-            data[key] = tuple(data.get(key, ()))
+            data[key] = tuple(data[key] if key in NEEDED else data.get(key, ()))
         data["graph"] = tuple(tuple(edge) for edge in data["graph"])
-        return Calibration(**data)
+        found = Calibration(**data)
+        if wrong := what_cannot_be(found):
+            raise TestfieldError(wrong, str(path), "make it again, or mend what was edited")
+        return found
 
 
 def point_label(code: int) -> str:

@@ -12,6 +12,7 @@ from testfield.calibrate.doubts import geometric_doubts
 from testfield.calibrate.edges import left_out
 from testfield.calibrate.quality import board_quality, joints, residual_test
 from testfield.calibrate.rejections import of_boards
+from testfield.calibrate.rows import rejection
 from testfield.calibrate.settle import Settled, settled
 from testfield.calibrate.start import Start
 from testfield.detect.observations import Observations

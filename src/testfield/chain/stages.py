@@ -165,8 +165,8 @@ def calibrate(run: Run) -> Made:
     key = digest(code, file_digest(source), run.field, method, camera.width_px, camera.height_px, lens, hold, options)
 
     def write(path: Path) -> None:
-        observations = Observations.load(source)
         size = (camera.width_px, camera.height_px)
+        observations = Observations.load(source, run.field, size)
         find("calibrators", method)(observations, run.field, *size, lens, hold, **options).save(path)
 
     return int(run.ledger.make("calibration.json", key, write, [source])), 1
@@ -184,10 +184,9 @@ def reconstruct(run: Run) -> Made:
     key = digest(code, file_digest(observations), file_digest(calibration), run.field, method)
 
     def write(path: Path) -> None:
-        found = find("reconstructors", method)(
-            Observations.load(observations), Calibration.load(calibration), run.field
-        )
-        found.save(path)
+        camera = Calibration.load(calibration)
+        size = (camera.interior.width_px, camera.interior.height_px)
+        find("reconstructors", method)(Observations.load(observations, run.field, size), camera, run.field).save(path)
 
     return int(run.ledger.make("points.parquet", key, write, [observations, calibration])), 1
 

@@ -146,7 +146,7 @@ class _View:
             return _first(self.stage, self.stage.scene, rays), rays
         # Light takes no time: to meet what has moved is to meet it at rest with a ray that moved the other way.
         turned = [self.target.turn_back(v, rays.time) for v in (rays.direction, rays.by_x, rays.by_y)]
-        moved = Rays(self.target.rest(rays.origin, rays.time), turned[0], turned[1], turned[2], rays.time)
+        moved = Rays(self.target.rest(rays.origin, rays.time), turned[0], turned[1], turned[2], rays.time, rays.cosine)
         # On a GPU a kernel traces in one scene alone, so what is met in each is computed before the next is asked.
         still = _first(self.stage, self.stage.still, rays)
         dr.eval(still)
@@ -162,7 +162,9 @@ class _View:
                 (moved.by_y, rays.by_y),
             )
         ]
-        return dr.select(nearer, moving, still), Rays(chosen[0], chosen[1], chosen[2], chosen[3], rays.time)
+        return dr.select(nearer, moving, still), Rays(
+            chosen[0], chosen[1], chosen[2], chosen[3], rays.time, rays.cosine
+        )
 
 
 def _first(stage: Stage, scene: Any, rays: Rays) -> Any:

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from testfield.camera.images import Frame, Radiance, SensorSheet
-from testfield.errors import TestfieldError
 from testfield.seeds import Plane
 from testfield.sensor.patterns import BayerOrder, filter_pattern, gain_pattern, offset_pattern_e
 from testfield.sensor.poisson import poisson_quantile
@@ -73,18 +72,9 @@ def expose(radiance: Radiance, sensor: Sensor, seed: int, noise_seed: int | None
     Every pixel has numbers of its own, by seed, station, row and column: one for electrons and one for the read-out,
     used by inversion. So what changes in one pixel changes no other, and a little more light changes a few pixels by
     one electron. The fixed patterns are the sensor's: they depend on the seed alone and are the same at every station.
-    `noise_seed` takes the seed's place for the noise: another exposure by the same sensor. Raises `TestfieldError`
-    where the radiance is not finite.
+    `noise_seed` takes the seed's place for the noise: another exposure by the same sensor.
     """
     values = radiance.values
-    finite = np.isfinite(values)
-    if not finite.all():
-        row, column = np.argwhere(~finite)[0].tolist()
-        raise TestfieldError(
-            f"value {values[row, column]} in row {row}, column {column}",
-            f"radiance of station '{radiance.station}'",
-            "render again",
-        )
     drawn = seed if noise_seed is None else noise_seed
     of_electrons, of_readout = (Plane(drawn, f"expose/{radiance.station}/{name}") for name in ("electrons", "read-out"))
     gain = _response(values.shape, sensor, seed)
