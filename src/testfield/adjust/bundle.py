@@ -173,6 +173,12 @@ def predict(network: Network) -> np.ndarray:
     return predicted + network.offset_px
 
 
+def chi2_of(network: Network) -> float:
+    """Chi-squared of a network at its present values, priors and distances included."""
+    whitening = np.linalg.inv(np.linalg.cholesky(network.cov_px2))
+    return _chi2(network, whitening, np.ones(len(network.point)))
+
+
 def _residuals(network: Network) -> np.ndarray:
     return network.xy_px - predict(network)
 

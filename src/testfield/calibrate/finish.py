@@ -33,12 +33,12 @@ def finished(
     misread = [rejection(rows, field, k, None, "misread: far from its board's homography") for k in start.gross]
     return Calibration(
         method, network.interior, start.stations, network.stations, start.boards, network.boards, network.scale,
-        covariance, names, adjustment.sigma0, adjustment.freedom,
+        covariance, names, adjustment.sigma0 * np.sqrt(found.widened), adjustment.freedom,
         float(np.sqrt((adjustment.residual_px**2).sum(axis=1).mean())), len(network.xy_px),
         tuple(turned_down + misread + found.rejected), network.xy_px, adjustment.residual_px, start.graph,
         tuple(notes + start.notes + found.notes + doubts_of(adjustment, start, covariance, names, test)),
         joints=edges, board_quality=board_quality(covariance, names, start.boards, edges), test=test,
-        point_code=codes, point_mm=network.point_mm[loose],
+        misfit=found.misfit.card if found.misfit else {}, point_code=codes, point_mm=network.point_mm[loose],
     )  # fmt: skip
 
 

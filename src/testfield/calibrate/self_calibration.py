@@ -19,8 +19,10 @@ from testfield.adjust.weakness import weak_unknowns
 from testfield.calibrate.calibration import Calibration
 from testfield.calibrate.certified import Certified, in_datum
 from testfield.calibrate.finish import with_points
+from testfield.calibrate.lens_misfit import LensMisfit, lens_misfit, with_misfit, without_misfit
 from testfield.calibrate.loose_discs import disc_offsets
 from testfield.calibrate.self_start import SQUARE, loose_network, start_from_nothing
+from testfield.calibrate.settle import MISFIT_ROUNDS, scatter_note
 from testfield.calibrate.ties import LEAST_COMMON, LEAST_RAYS, Ties, coded_ties, largest_group, point_name
 from testfield.camera.interior import Interior
 from testfield.camera.pose import Poses
@@ -170,20 +172,43 @@ def free_network(
 
 def settled(job: Job, hold: tuple[str, ...], empirical: bool) -> FreeNetwork:
     """The final adjustment of a job: gross errors rejected, discs at rest, the lens asked once more."""
+    first = job
     job, adjustment = _settle(job)
     network, lens_notes = free_what_is_determined(job.network, job.ties.stations, hold)
     job, adjustment = _settle(replace(job, network=network))
+    misfit, job, adjustment = _followed(first, job, adjustment)
     notes = [*job.notes, *lens_notes, *_doubts(job, adjustment)]
+    if misfit:
+        notes.append(misfit.note)
     test, factor = global_test(adjustment), 1.0
-    if empirical and test.variance > max(test.high, 1.0):
+    if (empirical or misfit) and test.variance > max(test.high, 1.0):
         factor = test.variance
-        notes.append(
-            f"observations scatter {np.sqrt(factor):.2f} times as much as detection claims; all uncertainties are "
-            "those of their scatter"
-        )
+        notes.append(scatter_note(factor))
         widened = replace(adjustment.network, cov_px2=factor * adjustment.network.cov_px2)
         adjustment = adjust(widened, job.labels)
-    return _result(job, adjustment, tuple(notes), np.sqrt(factor))
+    found = _result(job, adjustment, tuple(notes), np.sqrt(factor))
+    card = misfit.card if misfit else {}
+    plain = replace(found.job, network=without_misfit(found.job.network))
+    return replace(found, job=plain, calibration=replace(found.calibration, misfit=card))
+
+
+def _followed(first: Job, job: Job, adjustment: Adjustment) -> tuple[LensMisfit | None, Job, Adjustment]:
+    """What the lens model does not follow, and everything settled again with it, beginning with all observations of the
+    `first` job: those that the lens model alone had turned down may be good. Asked again where some are turned down
+    then."""
+    misfit, freedom = None, adjustment.freedom
+    for _ in range(MISFIT_ROUNDS):
+        seen = lens_misfit(job.network, job.labels, freedom)
+        if seen is None:
+            break
+        misfit = seen
+        cameras = with_misfit(job.network, misfit).cameras
+        before = job
+        job, adjustment = _settle(replace(first, network=replace(first.network, cameras=cameras)))
+        freedom = adjustment.freedom  # the amounts of the field are unknowns, and known before: they count for nothing
+        if len(job.rejected) == len(before.rejected):
+            break
+    return misfit, job, adjustment
 
 
 def _doubts(job: Job, adjustment: Adjustment) -> list[str]:

@@ -7,7 +7,9 @@ import numpy as np
 from testfield.adjust.bundle import Adjustment, adjust
 from testfield.adjust.network import Camera, Distances, Network, information_of
 from testfield.adjust.normals import target_normals
+from testfield.adjust.reliability import global_test
 from testfield.calibrate.doubts import geometric_doubts
+from testfield.calibrate.lens_misfit import LensMisfit, lens_misfit, with_misfit
 from testfield.calibrate.start import Start
 from testfield.calibrate.units import bars_of_one_unit
 from testfield.camera.circle import disc_image
@@ -19,21 +21,27 @@ from testfield.errors import TestfieldError
 REJECT_SIGMA = 6.0
 """An observation is rejected whose residual is larger than this many of its own standard deviations."""
 ROUNDS = 12
+MISFIT_ROUNDS = 3
 SETTLED_PX = 1e-7
 
 
 @dataclass(frozen=True)
 class Settled:
-    """An adjustment, the records of observations `rejected` on the way, `notes` for the reader."""
+    """An adjustment, the records of observations `rejected` on the way, `notes` for the reader; the `misfit` of the
+    lens that is in it, if any, and the factor by which all observed covariances were `widened`."""
 
     adjustment: Adjustment
     rejected: list[dict]
     notes: list[str]
+    misfit: LensMisfit | None = None
+    widened: float = 1.0
 
 
-def settled(start: Start, rows: Observations) -> Settled:
+def settled(start: Start, rows: Observations, empirical: bool = False, smooth: bool = True) -> Settled:
     """Adjust a start: coarsely, then with everything, until nothing is rejected and the discs' offsets stand still.
 
+    What residuals show that the lens model does not follow is adjusted too, unless not `smooth`. `empirical` widens all
+    covariances where observations scatter more than they claim; where the lens model fails they are widened anyway.
     Where the observations do not determine an unknown, the `TestfieldError` says which geometry is to blame.
     """
     notes: list[str] = []
@@ -42,11 +50,59 @@ def settled(start: Start, rows: Observations) -> Settled:
         coarse = _coarse(start.network)
         found = adjust(coarse, coarse.labels(start.stations, start.boards))
         network = bars_of_one_unit(_refined(start.network, found.network), start.bars, notes)
-        adjustment, rejected, doubts = _settle(network, discs, start)
+        last = _settle(network, discs, start)
+        misfit, last = _followed(last, network, discs, start) if smooth else (None, last)
+        adjustment, factor = _widened(last.adjustment, start) if empirical or misfit else (last.adjustment, 1.0)
     except TestfieldError as error:
         reasons = geometric_doubts(start.network, start.stations, start.boards)
         raise TestfieldError("; ".join([error.what, *notes, *reasons]), error.where, error.do) from error
-    return Settled(adjustment, rejected, notes + doubts)
+    if misfit:
+        notes.append(misfit.note)
+    if factor > 1:
+        notes.append(scatter_note(factor))
+    return Settled(adjustment, last.rejected, notes + last.notes, misfit, factor)
+
+
+def scatter_note(factor: float) -> str:
+    """What is said where covariances were multiplied by a factor."""
+    return (
+        f"observations scatter {np.sqrt(factor):.2f} times as much as detection claims; all uncertainties are "
+        "those of their scatter"
+    )
+
+
+def _followed(
+    last: Settled, network: Network, discs: "_Discs | None", start: Start
+) -> tuple[LensMisfit | None, Settled]:
+    """What the lens model does not follow, and everything settled again with it, beginning with all observations:
+    those that the lens model alone had turned down may be good. Asked again where some are turned down then."""
+    misfit, freedom = None, last.adjustment.freedom
+    for _ in range(MISFIT_ROUNDS):
+        found = last.adjustment.network
+        seen = lens_misfit(found, found.labels(start.stations, start.boards), freedom)
+        if seen is None:
+            return misfit, last
+        misfit = seen
+        there = replace(
+            network, cameras=with_misfit(found, misfit).cameras, stations=found.stations, boards=found.boards,
+            scale=found.scale, point_mm=found.point_mm,
+        )  # fmt: skip
+        before, last = len(last.rejected), _settle(there, discs, start)
+        freedom = last.adjustment.freedom  # the amounts of the field are unknowns, and known before
+        if before == len(last.rejected):
+            break
+    return misfit, last
+
+
+def _widened(adjustment: Adjustment, start: Start) -> tuple[Adjustment, float]:
+    """The adjustment with covariances of the observations' scatter where that is larger than claimed, and by which
+    factor."""
+    test = global_test(adjustment)
+    if not test.variance > max(test.high, 1.0):
+        return adjustment, 1.0
+    network = adjustment.network
+    wider = replace(network, cov_px2=test.variance * network.cov_px2)
+    return adjust(wider, network.labels(start.stations, start.boards)), test.variance
 
 
 class _Discs:
@@ -77,7 +133,7 @@ class _Discs:
         return offset
 
 
-def _settle(network: Network, discs: _Discs | None, start: Start) -> tuple[Adjustment, list[dict], list[str]]:
+def _settle(network: Network, discs: _Discs | None, start: Start) -> Settled:
     """Adjust until nothing is rejected any more and the discs' offsets stand still.
 
     What is returned is always the adjustment of exactly the observations that remain.
@@ -95,7 +151,7 @@ def _settle(network: Network, discs: _Discs | None, start: Start) -> tuple[Adjus
         if not bad.any() and (
             discs is None or np.allclose(discs.offsets(network), network.offset_px, rtol=0, atol=SETTLED_PX)
         ):
-            return adjustment, rejected, _doubts(adjustment)
+            return Settled(adjustment, rejected, _doubts(adjustment))
         for k in np.flatnonzero(bad):
             owner = network.point_board[network.point[k]]
             board = start.boards[owner] if owner >= 0 else ""
@@ -107,7 +163,7 @@ def _settle(network: Network, discs: _Discs | None, start: Start) -> tuple[Adjus
             )
         network, discs = network.take(~bad), discs.take(~bad) if discs else None
     adjustment = adjust(network, labels)
-    return adjustment, rejected, ["the rejection of outliers had not come to rest", *_doubts(adjustment)]
+    return Settled(adjustment, rejected, ["the rejection of outliers had not come to rest", *_doubts(adjustment)])
 
 
 def _doubts(adjustment: Adjustment) -> list[str]:

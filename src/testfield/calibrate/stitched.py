@@ -19,16 +19,18 @@ def stitched(
     height_px: int,
     lens: str = "brown",
     hold: tuple[str, ...] = (),
+    empirical: bool = False,
 ) -> Calibration:
     """Sub-boards of unknown pose joined through their coded targets, in one bundle.
 
     Calibrates the `lens` model named, its parameters named in `hold` kept at zero, from what detection measured and the
-    field's sheet; no starting values are needed. Raises `TestfieldError` where no board, or too little of them, was
+    field's sheet; no starting values are needed. `empirical` widens all covariances where observations scatter more
+    than they claim. Raises `TestfieldError` where no board, or too little of them, was
     seen, and where the observations do not determine a parameter.
     """
     rows, turned_down, notes = usable_rows(observations, field)
     start = starting_network(rows, field, width_px, height_px, lens, hold)
-    return finished("stitched", settled(start, rows), start, rows, field, turned_down, notes)
+    return finished("stitched", settled(start, rows, empirical), start, rows, field, turned_down, notes)
 
 
 @register("calibrators", "stitched_given")

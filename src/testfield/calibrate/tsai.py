@@ -42,7 +42,7 @@ def tsai(
     start = starting_network(
         rows, field, width_px, height_px, "brown", held, fixed=("cx", "cy"), guess=by_radial_alignment, least_stations=1
     )
-    return finished("tsai", settled(start, rows), start, rows, field, turned_down, notes)
+    return finished("tsai", settled(start, rows, smooth=False), start, rows, field, turned_down, notes)
 
 
 def by_radial_alignment(edges: Edges, rows: Observations, field: Field, middle_px: np.ndarray) -> tuple[float, Poses]:

@@ -212,7 +212,7 @@ def _of_grid(
     named = replace(observations, board=np.where(on, 0, -1), point=point)
     sizes = Counter(tuple((one.place.max(axis=0, initial=-1) + 1).tolist()) for one in found)
     odd = [s for s in sizes if s != (target.columns, target.rows)]
-    calibration = stitched(named, Field(14, (board,)), *size_px, lens, hold)
+    calibration = stitched(named, Field(14, (board,)), *size_px, lens, hold, empirical=True)
     notes = (*calibration.notes, *(f"{sizes[s]} image(s) show a grid of {s[0]} x {s[1]} only" for s in odd))
     empty = Points("stitched", *(np.zeros(s, t) for s, t in EMPTY))
     return Measurement(

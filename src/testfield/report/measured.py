@@ -69,7 +69,7 @@ def write_measurement(result: Measurement, field: FieldFile, folder: Path, image
 
 def _interior_u(result: Measurement) -> dict[str, float]:
     c = result.calibration
-    own = [name for name in c.interior.names if name in c.labels]
+    own = [name for name in c.interior.without_modes.names if name in c.labels]
     return {name: float(np.sqrt(c.covariance[k, k])) for name, k in zip(own, c.index(own), strict=True)}
 
 
@@ -107,7 +107,7 @@ def _page(
     best = o.stations[int(np.bincount(o.measured.station, minlength=len(o.stations)).argmax())]
     interior = [
         (name, ("{:.3f}" if k < 4 else "{:.6g}").format(c.interior.parameters[k]), summary["interior_u"].get(name))
-        for k, name in enumerate(c.interior.names)
+        for k, name in enumerate(c.interior.without_modes.names)
     ]
     places = c.stations.origin_mm
     stations = [

@@ -48,9 +48,9 @@ def score_camera(world: World, calibration: Calibration) -> dict:
     """Interior orientation: error of each parameter with what was claimed, error in px at the corners, NEES."""
     # Parameters can only be compared between equal models; another model is judged by where it images.
     alike = calibration.interior.model == world.interior.model
-    free = [name for name in calibration.interior.names if alike and name in calibration.labels]
+    free = [name for name in calibration.interior.without_modes.names if alike and name in calibration.labels]
     chosen = [calibration.interior.names.index(name) for name in free]
-    error = (calibration.interior.parameters - world.interior.parameters)[chosen] if alike else np.zeros(0)
+    error = (calibration.interior.without_modes.parameters - world.interior.parameters)[chosen] if alike else np.zeros(0)
     index = calibration.index(free)
     covariance = calibration.covariance[np.ix_(index, index)]
     anees = float(error @ np.linalg.solve(covariance, error) / len(error)) if free else None
