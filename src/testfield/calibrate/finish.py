@@ -10,6 +10,7 @@ from testfield.calibrate.quality import board_quality, joints, residual_test
 from testfield.calibrate.rows import rejection
 from testfield.calibrate.settle import Settled
 from testfield.calibrate.start import Start
+from testfield.camera.interior import MODE
 from testfield.detect.observations import Observations
 from testfield.targets.field import Field
 
@@ -61,7 +62,7 @@ def doubts_of(
 ) -> list[str]:
     """Sentences on weak unknowns with the geometry to blame, on observations without control, on a failed test."""
     notes = geometric_doubts(adjustment.network, start.stations, start.boards)
-    own = [k for k, label in enumerate(labels) if not label.startswith("point:")]
+    own = [k for k, label in enumerate(labels) if not label.startswith(("point:", MODE))]
     notes += weak_unknowns(covariance[np.ix_(own, own)], [labels[k] for k in own])
     if test["uncontrolled"]:
         notes.append(

@@ -28,7 +28,7 @@ from testfield.adjust.datum import open_motions
 from testfield.adjust.linear import Structure, linearise
 from testfield.adjust.network import Camera, Layout, Network
 from testfield.adjust.normal import Factor, NormalEquations
-from testfield.camera.interior import Interior
+from testfield.camera.interior import MODE, Interior
 from testfield.camera.smooth_field import mean_squares
 
 DEGREE = 10
@@ -144,7 +144,7 @@ def _seen(network: Network, labels: list[str]) -> _Seen:
     own = np.arange(end - q, end)
     rest = np.delete(np.arange(len(normal)), own)
     across = normal[np.ix_(rest, own)]
-    plain = [label for label in labels if not label.startswith("field:")]
+    plain = [label for label in labels if not label.startswith(MODE)]
     factor = Factor(normal[np.ix_(rest, rest)], plain, open_motions(wide)[0][rest])
     solved = factor.solve(np.column_stack([across, right[rest]]))
     S = normal[np.ix_(own, own)] - across.T @ solved[:, :-1]

@@ -24,7 +24,7 @@ from testfield.calibrate.loose_discs import disc_offsets
 from testfield.calibrate.self_start import SQUARE, loose_network, start_from_nothing
 from testfield.calibrate.settle import MISFIT_ROUNDS, scatter_note
 from testfield.calibrate.ties import LEAST_COMMON, LEAST_RAYS, Ties, coded_ties, largest_group, point_name
-from testfield.camera.interior import Interior
+from testfield.camera.interior import MODE, Interior
 from testfield.camera.pose import Poses
 from testfield.camera.project import camera_jacobian
 from testfield.detect.observations import Observations
@@ -218,7 +218,8 @@ def _doubts(job: Job, adjustment: Adjustment) -> list[str]:
     labels = job.labels
     normal = adjustment.equations.reduced(0.0)[0]
     inverse = Factor(normal, labels, open_motions(adjustment.network)[0]).solve(np.eye(len(normal)))
-    notes += weak_unknowns(inverse, labels)
+    own = [k for k, label in enumerate(labels) if not label.startswith(MODE)]
+    notes += weak_unknowns(inverse[np.ix_(own, own)], [labels[k] for k in own])
     rays = np.bincount(adjustment.network.point, minlength=len(job.ties.code))
     two = np.flatnonzero(rays == LEAST_RAYS)
     if len(two):
