@@ -17,13 +17,14 @@ covariance of the functions' amounts for s = 1, and a = s^2 / sigma^2, minus twi
     f log sigma^2 + log |I + a L' S L|,   sigma^2 = (chi^2 - a t' L (I + a L' S L)^-1 L' t) / f.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from testfield.adjust.bundle import chi2_of
+from testfield.adjust.bundle import chi2_of, undamped
 from testfield.adjust.datum import open_motions
 from testfield.adjust.linear import Structure, linearise
 from testfield.adjust.network import Camera, Layout, Network
@@ -41,6 +42,7 @@ NEGLIGIBLE = 1e-3
 """A mode of the field with a smaller part of its standard deviation is left out."""
 LEAST_FREEDOM = 60
 """Degrees of freedom from which the residuals of an adjustment are asked."""
+STEPS = 4
 GRID = 24
 """Places a side on which the process is written in Chebyshev products."""
 
@@ -99,9 +101,11 @@ def lens_misfit(network: Network, labels: list[str], freedom: int) -> LensMisfit
     return LensMisfit(s, part * float(np.hypot(*size)), variance, rise, modes)
 
 
-def with_misfit(network: Network, misfit: LensMisfit) -> Network:
-    """The network with the field's amounts among its camera's unknowns, known to be 0 +- 1."""
-    return _with_modes(network, misfit.modes_px, 1.0)
+def with_misfit(network: Network, misfit: LensMisfit, name: Callable[[Network], list[str]]) -> Network:
+    """An adjusted network with the field's amounts among its camera's unknowns, known to be 0 +- 1, at its new minimum
+    but for second-order terms; `name` gives the names of a network's unknowns."""
+    wide = _with_modes(network, misfit.modes_px, 1.0)
+    return undamped(wide, name(wide), STEPS)
 
 
 def without_misfit(network: Network) -> Network:

@@ -172,8 +172,8 @@ def free_network(
 
 def settled(job: Job, hold: tuple[str, ...], empirical: bool) -> FreeNetwork:
     """The final adjustment of a job: gross errors rejected, discs at rest, the lens asked once more."""
-    first = job
-    job, adjustment = _settle(job)
+    first = replace(job, network=without_misfit(job.network))
+    job, adjustment = _settle(first)
     network, lens_notes = free_what_is_determined(job.network, job.ties.stations, hold)
     job, adjustment = _settle(replace(job, network=network))
     misfit, job, adjustment = _followed(first, job, adjustment)
@@ -187,9 +187,7 @@ def settled(job: Job, hold: tuple[str, ...], empirical: bool) -> FreeNetwork:
         widened = replace(adjustment.network, cov_px2=factor * adjustment.network.cov_px2)
         adjustment = adjust(widened, job.labels)
     found = _result(job, adjustment, tuple(notes), np.sqrt(factor))
-    card = misfit.card if misfit else {}
-    plain = replace(found.job, network=without_misfit(found.job.network))
-    return replace(found, job=plain, calibration=replace(found.calibration, misfit=card))
+    return replace(found, calibration=replace(found.calibration, misfit=misfit.card if misfit else {}))
 
 
 def _followed(first: Job, job: Job, adjustment: Adjustment) -> tuple[LensMisfit | None, Job, Adjustment]:
@@ -202,13 +200,26 @@ def _followed(first: Job, job: Job, adjustment: Adjustment) -> tuple[LensMisfit 
         if seen is None:
             break
         misfit = seen
-        cameras = with_misfit(job.network, misfit).cameras
         before = job
-        job, adjustment = _settle(replace(first, network=replace(first.network, cameras=cameras)))
+        there = with_misfit(job.network, misfit, lambda wide: replace(job, network=wide).labels)
+        job, adjustment = _settle(_begun_again(first, replace(job, network=there)))
         freedom = adjustment.freedom  # the amounts of the field are unknowns, and known before: they count for nothing
         if len(job.rejected) == len(before.rejected):
             break
     return misfit, job, adjustment
+
+
+def _begun_again(first: Job, job: Job) -> Job:
+    """The `first` job at what was found since."""
+    network, found = first.network, job.network
+    stations, points = network.stations, network.point_mm.copy()
+    R, t = stations.R.copy(), stations.t_mm.copy()
+    place = {name: k for k, name in enumerate(first.ties.stations)}
+    here = [place[name] for name in job.ties.stations]
+    R[here], t[here] = found.stations.R, found.stations.t_mm
+    place_of = {int(code): k for k, code in enumerate(first.ties.code)}
+    points[[place_of[int(code)] for code in job.ties.code]] = found.point_mm
+    return replace(first, network=replace(network, cameras=found.cameras, stations=Poses(R, t), point_mm=points))
 
 
 def _doubts(job: Job, adjustment: Adjustment) -> list[str]:

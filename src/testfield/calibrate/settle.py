@@ -83,8 +83,9 @@ def _followed(
         if seen is None:
             return misfit, last
         misfit = seen
+        found = with_misfit(found, misfit, lambda wide: wide.labels(start.stations, start.boards))
         there = replace(
-            network, cameras=with_misfit(found, misfit).cameras, stations=found.stations, boards=found.boards,
+            network, cameras=found.cameras, stations=found.stations, boards=found.boards,
             scale=found.scale, point_mm=found.point_mm,
         )  # fmt: skip
         before, last = len(last.rejected), _settle(there, discs, start)
