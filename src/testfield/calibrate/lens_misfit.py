@@ -29,6 +29,7 @@ from testfield.adjust.datum import open_motions
 from testfield.adjust.linear import Structure, linearise
 from testfield.adjust.network import Camera, Layout, Network
 from testfield.adjust.normal import Factor, NormalEquations
+from testfield.calibrate.calibration import Calibration
 from testfield.camera.interior import MODE, Interior
 from testfield.camera.smooth_field import mean_squares
 
@@ -99,6 +100,14 @@ def lens_misfit(network: Network, labels: list[str], freedom: int) -> LensMisfit
     s = float(np.sqrt(ratio * variance))
     modes = s * np.tensordot(prior_root(*size, part).T, _functions(), 1)
     return LensMisfit(s, part * float(np.hypot(*size)), variance, rise, modes)
+
+
+def misfit_of(calibration: Calibration) -> LensMisfit | None:
+    """The field that a calibration found."""
+    card, modes = calibration.misfit, calibration.interior.modes_px
+    if modes is None:
+        return None
+    return LensMisfit(card["s_px"], card["length_px"], card["variance"], card["rise"], modes)
 
 
 def with_misfit(network: Network, misfit: LensMisfit, name: Callable[[Network], list[str]]) -> Network:

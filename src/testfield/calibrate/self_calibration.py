@@ -129,11 +129,12 @@ def free_network(
     focal_px: float | None = None,
     empirical: bool = False,
     notes: list[str] | None = None,
+    smooth: bool | LensMisfit = True,
 ) -> FreeNetwork:
     """Camera, stations and points from the sights of numbered points.
 
     `hold` names lens coefficients that are held at zero; `focal_px` is a first guess, not needed; `empirical` widens
-    all covariances where observations scatter more than they claim. Raises `TestfieldError` where no group of images
+    all covariances where observations scatter more than they claim; `smooth` as in `settle.settled`. Raises `TestfieldError` where no group of images
     is joined, or nothing can be oriented.
     """
     said = list(notes or [])
@@ -167,16 +168,18 @@ def free_network(
     network, _ = free_what_is_determined(network, ties.stations, hold)
     datum = in_datum(network, ties, certified or Certified(), images_of)
     job = Job(datum.network, ties, datum.radius_mm, datum.scale_from, (), tuple(said) + datum.notes)
-    return settled(job, hold, empirical)
+    return settled(job, hold, empirical, smooth)
 
 
-def settled(job: Job, hold: tuple[str, ...], empirical: bool) -> FreeNetwork:
+def settled(job: Job, hold: tuple[str, ...], empirical: bool, smooth: bool | LensMisfit = True) -> FreeNetwork:
     """The final adjustment of a job: gross errors rejected, discs at rest, the lens asked once more."""
     first = replace(job, network=without_misfit(job.network))
     job, adjustment = _settle(first)
     network, lens_notes = free_what_is_determined(job.network, job.ties.stations, hold)
     job, adjustment = _settle(replace(job, network=network))
-    misfit, job, adjustment = _followed(first, job, adjustment)
+    misfit = None
+    if smooth:
+        misfit, job, adjustment = _followed(first, job, adjustment, smooth)
     notes = [*job.notes, *lens_notes, *_doubts(job, adjustment)]
     if misfit:
         notes.append(misfit.note)
@@ -190,13 +193,16 @@ def settled(job: Job, hold: tuple[str, ...], empirical: bool) -> FreeNetwork:
     return replace(found, calibration=replace(found.calibration, misfit=misfit.card if misfit else {}))
 
 
-def _followed(first: Job, job: Job, adjustment: Adjustment) -> tuple[LensMisfit | None, Job, Adjustment]:
+def _followed(
+    first: Job, job: Job, adjustment: Adjustment, smooth: bool | LensMisfit
+) -> tuple[LensMisfit | None, Job, Adjustment]:
     """What the lens model does not follow, and everything settled again with it, beginning with all observations of the
     `first` job: those that the lens model alone had turned down may be good. Asked again where some are turned down
     then."""
     misfit, freedom = None, adjustment.freedom
     for _ in range(MISFIT_ROUNDS):
-        seen = lens_misfit(job.network, job.labels, freedom)
+        given = smooth if isinstance(smooth, LensMisfit) else None
+        seen = given or lens_misfit(job.network, job.labels, freedom)
         if seen is None:
             break
         misfit = seen
@@ -204,7 +210,7 @@ def _followed(first: Job, job: Job, adjustment: Adjustment) -> tuple[LensMisfit 
         there = with_misfit(job.network, misfit, lambda wide: replace(job, network=wide).labels)
         job, adjustment = _settle(_begun_again(first, replace(job, network=there)))
         freedom = adjustment.freedom  # the amounts of the field are unknowns, and known before: they count for nothing
-        if len(job.rejected) == len(before.rejected):
+        if given or len(job.rejected) == len(before.rejected):
             break
     return misfit, job, adjustment
 

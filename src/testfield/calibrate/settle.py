@@ -37,10 +37,11 @@ class Settled:
     widened: float = 1.0
 
 
-def settled(start: Start, rows: Observations, empirical: bool = False, smooth: bool = True) -> Settled:
+def settled(start: Start, rows: Observations, empirical: bool = False, smooth: bool | LensMisfit = True) -> Settled:
     """Adjust a start: coarsely, then with everything, until nothing is rejected and the discs' offsets stand still.
 
-    What residuals show that the lens model does not follow is adjusted too, unless not `smooth`. `empirical` widens all
+    What residuals show that the lens model does not follow is adjusted too, unless not `smooth`, or the field that is
+    given there. `empirical` widens all
     covariances where observations scatter more than they claim; where the lens model fails they are widened anyway.
     Where the observations do not determine an unknown, the `TestfieldError` says which geometry is to blame.
     """
@@ -51,7 +52,7 @@ def settled(start: Start, rows: Observations, empirical: bool = False, smooth: b
         found = adjust(coarse, coarse.labels(start.stations, start.boards))
         network = bars_of_one_unit(_refined(start.network, found.network), start.bars, notes)
         last = _settle(network, discs, start)
-        misfit, last = _followed(last, network, discs, start) if smooth else (None, last)
+        misfit, last = _followed(last, network, discs, start, smooth) if smooth else (None, last)
         adjustment, factor = _widened(last.adjustment, start) if empirical or misfit else (last.adjustment, 1.0)
     except TestfieldError as error:
         reasons = geometric_doubts(start.network, start.stations, start.boards)
@@ -72,14 +73,15 @@ def scatter_note(factor: float) -> str:
 
 
 def _followed(
-    last: Settled, network: Network, discs: "_Discs | None", start: Start
+    last: Settled, network: Network, discs: "_Discs | None", start: Start, smooth: bool | LensMisfit
 ) -> tuple[LensMisfit | None, Settled]:
     """What the lens model does not follow, and everything settled again with it, beginning with all observations:
     those that the lens model alone had turned down may be good. Asked again where some are turned down then."""
     misfit, freedom = None, last.adjustment.freedom
     for _ in range(MISFIT_ROUNDS):
         found = last.adjustment.network
-        seen = lens_misfit(found, found.labels(start.stations, start.boards), freedom)
+        given = smooth if isinstance(smooth, LensMisfit) else None
+        seen = given or lens_misfit(found, found.labels(start.stations, start.boards), freedom)
         if seen is None:
             return misfit, last
         misfit = seen
@@ -90,7 +92,7 @@ def _followed(
         )  # fmt: skip
         before, last = len(last.rejected), _settle(there, discs, start)
         freedom = last.adjustment.freedom  # the amounts of the field are unknowns, and known before
-        if before == len(last.rejected):
+        if given or before == len(last.rejected):
             break
     return misfit, last
 

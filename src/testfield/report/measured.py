@@ -50,10 +50,12 @@ def write_measurement(result: Measurement, field: FieldFile, folder: Path, image
         "joined": list(result.calibration.station_names),
         "datum": result.datum,
         "figures": _figures(result),
-        "interior": result.calibration.interior.to_json(),
+        "interior": result.calibration.interior.without_modes.to_json(),
         "interior_u": _interior_u(result),
         "reprojection_rms_px": result.calibration.reprojection_rms_px,
         "sigma0": result.calibration.sigma0,
+        "lens_misfit": result.calibration.misfit or None,
+        "halves": asdict(result.halves),
         "points": len(points),
         "uncoded": result.uncoded,
         "lengths": [asdict(length) for length in result.lengths],
@@ -93,6 +95,9 @@ def _figures(result: Measurement) -> list[tuple[str, str]]:
             ("claimed u of a coordinate, rms", f"{mean:.4f} mm"),
             ("the field's diagonal over that", f"1 : {extent / max(mean, 1e-12):,.0f}"),
         ]
+    rows += [difference.sentence for difference in result.halves.differences]
+    if result.halves.note:
+        rows.append(("halves of the images", result.halves.note))
     worst = [length for length in result.lengths if length.en is not None]
     if worst:
         length = max(worst, key=lambda item: abs(item.en or 0))

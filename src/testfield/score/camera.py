@@ -90,7 +90,9 @@ def score_camera(world: World, calibration: Calibration) -> dict:
     alike = calibration.interior.model == world.interior.model
     free = [name for name in calibration.interior.without_modes.names if alike and name in calibration.labels]
     chosen = [calibration.interior.names.index(name) for name in free]
-    error = (calibration.interior.without_modes.parameters - world.interior.parameters)[chosen] if alike else np.zeros(0)
+    error = (
+        (calibration.interior.without_modes.parameters - world.interior.parameters)[chosen] if alike else np.zeros(0)
+    )
     index = calibration.index(free)
     covariance = calibration.covariance[np.ix_(index, index)]
     anees = float(error @ np.linalg.solve(covariance, error) / len(error)) if free else None
