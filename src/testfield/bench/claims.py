@@ -169,10 +169,10 @@ def _summary(trials: list[Errors]) -> dict[str, Any]:
 
 def _camera(world: World, calibration: Calibration) -> Errors:
     alike = calibration.interior.model == world.interior.model
-    free = [name for name in calibration.interior.names if alike and name in calibration.labels]
+    free = [name for name in calibration.interior.without_modes.names if alike and name in calibration.labels]
     chosen = [calibration.interior.names.index(name) for name in free]
     index = calibration.index(free)
-    error = (calibration.interior.parameters - world.interior.parameters)[chosen] if free else np.zeros(0)
+    error = (calibration.interior.without_modes.parameters - world.interior.parameters)[chosen] if free else np.zeros(0)
     return Errors(error, calibration.covariance[np.ix_(index, index)], max(len(free), 1))
 
 

@@ -30,9 +30,10 @@ class Calibration:
     their pixels have had their say, and reconstruction takes them over. `sigma0` of the adjustment with
     `freedom`; `reprojection_rms_px` over `used` observations; `rejected` observations (station, board, x_px, y_px,
     size of the residual in standard deviations, why); `residual_px` (m, 2) observed minus adjusted at `residual_at_px`
-    (m, 2); `graph` edges (station, board, marks); `joints`, `board_quality` and `test` as in `quality`; `rejections`
-    counted by group as in `rejections`; `certificates` tested, as in `certificates`; `failures`, sentences on what no
-    reader may overlook: with one of them the test is not passed; `notes` for the reader.
+    (m, 2); `graph` edges (station, board, marks); `joints`, `board_quality` and `test` as in `quality`; `misfit` what
+    the lens model does not follow (`lens_misfit`), empty where nothing is seen of it; `rejections` counted by group as
+    in `rejections`; `certificates` tested, as in `certificates`; `failures`, sentences on what no reader may overlook:
+    with one of them the test is not passed; `notes` for the reader.
     """
 
     method: str
@@ -56,6 +57,7 @@ class Calibration:
     joints: tuple[dict, ...] = ()
     board_quality: tuple[dict, ...] = ()
     test: dict = field(default_factory=dict)
+    misfit: dict = field(default_factory=dict)
     point_code: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
     point_mm: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     rejections: tuple[dict, ...] = ()

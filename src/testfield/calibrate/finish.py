@@ -10,11 +10,13 @@ from testfield.adjust.weakness import weak_unknowns
 from testfield.calibrate.calibration import Calibration, point_label
 from testfield.calibrate.doubts import geometric_doubts
 from testfield.calibrate.edges import left_out
+from testfield.calibrate.lens_misfit import LensMisfit
 from testfield.calibrate.quality import board_quality, joints, residual_test
 from testfield.calibrate.rejections import of_boards
 from testfield.calibrate.rows import rejection
 from testfield.calibrate.settle import Settled, settled
 from testfield.calibrate.start import Start
+from testfield.camera.interior import MODE
 from testfield.detect.observations import Observations
 from testfield.targets.field import Field
 
@@ -26,15 +28,20 @@ def calibrated(
     field: Field,
     turned_down: list[dict],
     notes: list[str],
+    empirical: bool = False,
+    smooth: bool | LensMisfit = True,
 ) -> Calibration:
     """The calibration from the start that `begin` makes of observations without some boards of the sheet: of all at
-    first, then without images that contradict the others on the whole and boards whose sheets turn out to be wrong."""
+    first, then without images that contradict the others on the whole and boards whose sheets turn out to be wrong.
+
+    `empirical` and `smooth` as in `settle.settled`.
+    """
     left_out: frozenset[int] = frozenset()
     failures: tuple[str, ...] = ()
     records: tuple[dict, ...] = ()
     while True:
         start = begin(rows, left_out)
-        found = settled(start, rows)
+        found = settled(start, rows, empirical, smooth)
         if found.lost is not None:
             station = rows.stations.index(start.stations[found.lost])
             here = rows.station == station
@@ -69,12 +76,13 @@ def finished(
     records = left_out(rows, field, start.why)
     calibration = Calibration(
         method, network.interior, start.stations, network.stations, start.boards, network.boards, network.scale,
-        covariance, names, adjustment.sigma0, adjustment.freedom,
+        covariance, names, adjustment.sigma0 * np.sqrt(found.widened), adjustment.freedom,
         float(np.sqrt((adjustment.residual_px**2).sum(axis=1).mean())), len(network.xy_px),
         tuple(turned_down + records + found.rejected), network.xy_px, adjustment.residual_px, start.graph,
         tuple(notes + start.notes + found.notes + doubts_of(adjustment, start, covariance, names, test)),
         joints=edges, board_quality=board_quality(covariance, names, start.boards, edges), test=test,
-        point_code=codes, point_mm=network.point_mm[loose], certificates=found.certificates, failures=found.failures,
+        misfit=found.misfit.card if found.misfit else {}, point_code=codes, point_mm=network.point_mm[loose],
+        certificates=found.certificates, failures=found.failures,
     )  # fmt: skip
     return of_boards(calibration, rows.take(start.rows[found.left]), field)
 
@@ -98,7 +106,7 @@ def doubts_of(
 ) -> list[str]:
     """Sentences on weak unknowns with the geometry to blame, on observations without control, on a failed test."""
     notes = geometric_doubts(adjustment.network, start.stations, start.boards)
-    own = [k for k, label in enumerate(labels) if not label.startswith("point:")]
+    own = [k for k, label in enumerate(labels) if not label.startswith(("point:", MODE))]
     notes += weak_unknowns(covariance[np.ix_(own, own)], [labels[k] for k in own])
     if test["uncontrolled"]:
         notes.append(

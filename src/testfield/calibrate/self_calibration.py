@@ -22,12 +22,14 @@ from testfield.calibrate.certified import Certified, in_datum
 from testfield.calibrate.edges import front_only
 from testfield.calibrate.finish import with_points
 from testfield.calibrate.homography import image_middle
+from testfield.calibrate.lens_misfit import LensMisfit, lens_misfit, with_misfit, without_misfit
 from testfield.calibrate.loose_discs import disc_offsets
 from testfield.calibrate.quality import residual_test
 from testfield.calibrate.rejections import of_ties
 from testfield.calibrate.self_start import SQUARE, loose_network, start_from_nothing
+from testfield.calibrate.settle import MISFIT_ROUNDS, scatter_note
 from testfield.calibrate.ties import LEAST_COMMON, LEAST_RAYS, Ties, coded_ties, largest_group, point_name
-from testfield.camera.interior import Interior
+from testfield.camera.interior import MODE, Interior
 from testfield.camera.pose import Poses
 from testfield.camera.project import camera_jacobian
 from testfield.detect.observations import Observations
@@ -139,12 +141,13 @@ def free_network(
     focal_px: float | None = None,
     empirical: bool = False,
     notes: list[str] | None = None,
+    smooth: bool | LensMisfit = True,
 ) -> FreeNetwork:
     """Camera, stations and points from the sights of numbered points.
 
     `hold` names lens coefficients that are held at zero; `focal_px` is a first guess, not needed; `empirical` widens
-    all covariances where observations scatter more than they claim. Raises `TestfieldError` where no group of images
-    is joined, or nothing can be oriented.
+    all covariances where observations scatter more than they claim; `smooth` as in `settle.settled`. Raises
+    `TestfieldError` where no group of images is joined, or nothing can be oriented.
     """
     said = list(notes or [])
     interior_names = Interior(width_px, height_px, np.zeros(0), lens).names
@@ -177,39 +180,84 @@ def free_network(
     network, _ = free_what_is_determined(network, ties.stations, hold)
     datum = in_datum(network, ties, certified or Certified(), images_of)
     job = Job(datum.network, ties, datum.radius_mm, datum.scale_from, (), tuple(said) + datum.notes, datum.usable)
-    return settled(job, hold, empirical)
+    return settled(job, hold, empirical, smooth)
 
 
-def settled(job: Job, hold: tuple[str, ...], empirical: bool) -> FreeNetwork:
+def settled(job: Job, hold: tuple[str, ...], empirical: bool, smooth: bool | LensMisfit = True) -> FreeNetwork:
     """The final adjustment of a job: gross errors rejected, discs at rest, the lens asked once more.
 
-    The images decide alone on their observations, so that no wrong certificate costs any; then on the certificates.
+    The images decide alone on their observations and on what the lens model does not follow, so that no wrong
+    certificate costs any; then on the certificates.
     """
-    free = without_certificates(job.network, job.ties, job.certified)
-    job, adjustment = _settle(replace(job, network=free))
+    alone = without_certificates(without_misfit(job.network), job.ties, job.certified)
+    first = replace(job, network=alone)
+    job, adjustment = _settle(first)
     network, lens_notes = free_what_is_determined(job.network, job.ties.stations, hold)
     bare, adjustment = _settle(replace(job, network=network))
+    misfit = None
+    if smooth:
+        misfit, bare, adjustment = _followed(first, bare, adjustment, smooth)
     held = tested(adjustment, bare.ties, bare.certified, bare.scale_from)
     job = replace(bare, scale_from=held.scale_from)
     if held.bars or held.known:
         network, radius_mm = attached(bare.network, bare.ties, bare.radius_mm, held, bare.certified)
         job, adjustment = _settle(replace(job, network=network, radius_mm=radius_mm), reject=False)
     if held.known:  # places in space may tell of the lens what images of a plane do not
-        network, lens_notes = free_what_is_determined(job.network, job.ties.stations, hold)
+        network, lens_notes = free_what_is_determined(without_misfit(job.network), job.ties.stations, hold)
+        network = _with_misfit(job, network, misfit) if misfit else network
         job, adjustment = _settle(replace(job, network=network), reject=False)
     notes = [*job.notes, *lens_notes, *held.notes, *_doubts(job, adjustment)]
+    if misfit:
+        notes.append(misfit.note)
     test, factor = global_test(adjustment), 1.0
-    if empirical and test.variance > max(test.high, 1.0):
+    if (empirical or misfit) and test.variance > max(test.high, 1.0):
         factor = test.variance
-        notes.append(
-            f"observations scatter {np.sqrt(factor):.2f} times as much as detection claims; all uncertainties are "
-            "those of their scatter"
-        )
+        notes.append(scatter_note(factor))
         widened = replace(adjustment.network, cov_px2=factor * adjustment.network.cov_px2)
         adjustment = adjust(widened, job.labels)
     again = replace(job.network.cameras[0], u=bare.network.cameras[0].u, u_aspect=bare.network.cameras[0].u_aspect)
     job = replace(job, network=replace(job.network, cameras=(again,)))
-    return _result(job, adjustment, tuple(notes), np.sqrt(factor), held)
+    found = _result(job, adjustment, tuple(notes), np.sqrt(factor), held)
+    return replace(found, calibration=replace(found.calibration, misfit=misfit.card if misfit else {}))
+
+
+def _followed(
+    first: Job, job: Job, adjustment: Adjustment, smooth: bool | LensMisfit
+) -> tuple[LensMisfit | None, Job, Adjustment]:
+    """What the lens model does not follow, and everything settled again with it, beginning with all observations of the
+    `first` job: those that the lens model alone had turned down may be good. Asked again where some are turned down
+    then."""
+    misfit, freedom = None, adjustment.freedom
+    for _ in range(MISFIT_ROUNDS):
+        given = smooth if isinstance(smooth, LensMisfit) else None
+        seen = given or lens_misfit(job.network, job.labels, freedom)
+        if seen is None:
+            break
+        misfit = seen
+        before = job
+        there = _with_misfit(job, job.network, misfit)
+        job, adjustment = _settle(_begun_again(first, replace(job, network=there)))
+        freedom = adjustment.freedom  # the amounts of the field are unknowns, and known before: they count for nothing
+        if given or len(job.rejected) == len(before.rejected):
+            break
+    return misfit, job, adjustment
+
+
+def _with_misfit(job: Job, network: Network, misfit: LensMisfit) -> Network:
+    return with_misfit(network, misfit, lambda wide: replace(job, network=wide).labels)
+
+
+def _begun_again(first: Job, job: Job) -> Job:
+    """The `first` job at what was found since."""
+    network, found = first.network, job.network
+    stations, points = network.stations, network.point_mm.copy()
+    R, t = stations.R.copy(), stations.t_mm.copy()
+    place = {name: k for k, name in enumerate(first.ties.stations)}
+    here = [place[name] for name in job.ties.stations]
+    R[here], t[here] = found.stations.R, found.stations.t_mm
+    place_of = {int(code): k for k, code in enumerate(first.ties.code)}
+    points[[place_of[int(code)] for code in job.ties.code]] = found.point_mm
+    return replace(first, network=replace(network, cameras=found.cameras, stations=Poses(R, t), point_mm=points))
 
 
 def _doubts(job: Job, adjustment: Adjustment) -> list[str]:
@@ -219,7 +267,8 @@ def _doubts(job: Job, adjustment: Adjustment) -> list[str]:
     labels = job.labels
     normal = adjustment.equations.reduced(0.0)[0]
     inverse = Factor(normal, labels, open_motions(adjustment.network)[0]).solve(np.eye(len(normal)))
-    notes += weak_unknowns(inverse, labels)
+    own = [k for k, label in enumerate(labels) if not label.startswith(MODE)]
+    notes += weak_unknowns(inverse[np.ix_(own, own)], [labels[k] for k in own])
     rays = np.bincount(adjustment.network.point, minlength=len(job.ties.code))
     two = np.flatnonzero(rays == LEAST_RAYS)
     if len(two):

@@ -9,6 +9,7 @@ from testfield.adjust.network import Camera, Distances, Network, information_of
 from testfield.adjust.normals import target_normals
 from testfield.adjust.reliability import global_test, reliability
 from testfield.calibrate.doubts import geometric_doubts
+from testfield.calibrate.lens_misfit import LensMisfit, lens_misfit, with_misfit
 from testfield.calibrate.sheets import (
     FEW,
     SHAPE,
@@ -33,13 +34,15 @@ LOST = 0.5
 LEAST_STRETCH = 1e-4
 """Part by which a sheet's spacing must be off to be called so."""
 ROUNDS = 12
+MISFIT_ROUNDS = 3
 SETTLED_PX = 1e-7
 
 
 @dataclass(frozen=True)
 class Settled:
     """An adjustment, the records of observations `rejected` on the way, `notes` for the reader; the `left` of the
-    start's observations (an index); `certificates` tested and `failures` as in `Calibration`. Where a board's sheet is
+    start's observations (an index); `certificates` tested and `failures` as in `Calibration`; the `misfit` of the lens
+    that is in it, if any, and the factor by which all observed covariances were `widened`. Where a board's sheet is
     `wrong` (its place in the start), or a `lost` image contradicts the others, all must begin again without it."""
 
     adjustment: Adjustment
@@ -50,13 +53,23 @@ class Settled:
     failures: tuple[str, ...] = ()
     wrong: int | None = None
     lost: int | None = None
+    misfit: LensMisfit | None = None
+    widened: float = 1.0
+
+    @property
+    def begin_again(self) -> bool:
+        """Whether a board or an image must be left out first."""
+        return self.wrong is not None or self.lost is not None
 
 
-def settled(start: Start, rows: Observations) -> Settled:
+def settled(start: Start, rows: Observations, empirical: bool = False, smooth: bool | LensMisfit = True) -> Settled:
     """Adjust a start: coarsely, then with everything, until nothing is rejected and the discs' offsets stand still.
 
-    Bars come last: they are tested against what images and sheets made of them. Where the observations do not determine
-    an unknown, the `TestfieldError` says which geometry is to blame.
+    What residuals show that the lens model does not follow is adjusted too, unless not `smooth`, or the field that is
+    given there; it is asked before a sheet or an image is called wrong. Bars come last: they are tested against what
+    images and sheets made of them. `empirical` widens all covariances where observations scatter more than they claim;
+    where the lens model fails they are widened anyway. Where the observations do not determine an unknown, the
+    `TestfieldError` says which geometry is to blame.
     """
     discs = _Discs(rows.moments_px2[start.rows], start.radius_mm) if rows.centre_of_disc else None
     try:
@@ -64,15 +77,14 @@ def settled(start: Start, rows: Observations) -> Settled:
         found = adjust(coarse, coarse.labels(start.stations, start.boards))
         network = replace(_refined(start.network, found.network), distances=Distances())
         answer = _settle(network, discs, start, rows)
-        if answer.wrong is None and answer.lost is None and len(start.network.distances):
-            bars = tested_bars(answer.adjustment, start.network.distances, start.bars)
-            discs = discs.take(answer.left) if discs else None
-            adjustment, doubts = _at_rest(bars.network, discs, start)
-            answer = replace(
-                answer, adjustment=adjustment, certificates=(*answer.certificates, *bars.records),
-                failures=(*answer.failures, *bars.failures), notes=[*answer.notes, *bars.notes, *doubts],
-            )  # fmt: skip
-        return answer
+        misfit, answer = _followed(answer, network, discs, start, rows, smooth) if smooth else (None, answer)
+        if answer.begin_again:
+            return answer
+        if misfit:
+            answer = replace(answer, misfit=misfit, notes=[*answer.notes, misfit.note])
+        if len(start.network.distances):
+            answer = _with_bars(answer, discs, start)
+        return _widened(answer, start) if empirical or misfit else answer
     except TestfieldError as error:
         reasons = geometric_doubts(start.network, start.stations, start.boards)
         raise TestfieldError("; ".join([error.what, *reasons]), error.where, error.do) from error
@@ -82,6 +94,66 @@ def settled(start: Start, rows: Observations) -> Settled:
             "; ".join(["the adjustment does not come to rest", *reasons]),
             do="look at the sheets, the numbers, the images",
         ) from error
+
+
+def scatter_note(factor: float) -> str:
+    """What is said where covariances were multiplied by a factor."""
+    return (
+        f"observations scatter {np.sqrt(factor):.2f} times as much as detection claims; all uncertainties are "
+        "those of their scatter"
+    )
+
+
+def _followed(
+    last: Settled,
+    network: Network,
+    discs: "_Discs | None",
+    start: Start,
+    rows: Observations,
+    smooth: bool | LensMisfit,
+) -> tuple[LensMisfit | None, Settled]:
+    """What the lens model does not follow, and everything settled again with it, beginning with all observations:
+    those that the lens model alone had turned down may be good. Asked again where some are turned down then."""
+    misfit, freedom = None, last.adjustment.freedom
+    for _ in range(MISFIT_ROUNDS):
+        found = last.adjustment.network
+        given = smooth if isinstance(smooth, LensMisfit) else None
+        seen = given or lens_misfit(found, found.labels(start.stations, start.boards), freedom)
+        if seen is None:
+            return misfit, last
+        misfit = seen
+        found = with_misfit(found, misfit, lambda wide: wide.labels(start.stations, start.boards))
+        there = replace(
+            network, cameras=found.cameras, stations=found.stations, boards=found.boards,
+            scale=found.scale, point_mm=found.point_mm,
+        )  # fmt: skip
+        before, last = last, _settle(there, discs, start, rows)
+        freedom = last.adjustment.freedom  # the amounts of the field are unknowns, and known before
+        if given or last.begin_again or (len(before.rejected) == len(last.rejected) and not before.begin_again):
+            break
+    return misfit, last
+
+
+def _with_bars(answer: Settled, discs: "_Discs | None", start: Start) -> Settled:
+    """The answer with those control bars that agree with it."""
+    bars = tested_bars(answer.adjustment, start.network.distances, start.bars)
+    adjustment, doubts = _at_rest(bars.network, discs.take(answer.left) if discs else None, start)
+    return replace(
+        answer, adjustment=adjustment, certificates=(*answer.certificates, *bars.records),
+        failures=(*answer.failures, *bars.failures), notes=[*answer.notes, *bars.notes, *doubts],
+    )  # fmt: skip
+
+
+def _widened(answer: Settled, start: Start) -> Settled:
+    """The answer with covariances of the observations' scatter where that is larger than claimed."""
+    test = global_test(answer.adjustment)
+    if not test.variance > max(test.high, 1.0):
+        return answer
+    network = answer.adjustment.network
+    wider = replace(network, cov_px2=test.variance * network.cov_px2)
+    adjustment = adjust(wider, network.labels(start.stations, start.boards))
+    notes = [*answer.notes, scatter_note(test.variance)]
+    return replace(answer, adjustment=adjustment, notes=notes, widened=test.variance)
 
 
 class _Discs:

@@ -2,6 +2,7 @@
 
 from testfield.calibrate.calibration import Calibration
 from testfield.calibrate.finish import calibrated
+from testfield.calibrate.lens_misfit import LensMisfit
 from testfield.calibrate.rows import usable_rows
 from testfield.calibrate.start import Start, starting_network
 from testfield.detect.observations import Observations
@@ -18,11 +19,14 @@ def stitched(
     height_px: int,
     lens: str = "brown",
     hold: tuple[str, ...] = (),
+    empirical: bool = False,
+    smooth: bool | LensMisfit = True,
 ) -> Calibration:
     """Sub-boards of unknown pose joined through their coded targets, in one bundle.
 
     Calibrates the `lens` model named, its parameters named in `hold` kept at zero, from what detection measured and the
-    field's sheet; no starting values are needed. Raises `TestfieldError` where no board, or too little of them, was
+    field's sheet; no starting values are needed. `empirical` widens all covariances where observations scatter more
+    than they claim; `smooth` as in `settle.settled`. Raises `TestfieldError` where no board, or too little of them, was
     seen, and where the observations do not determine a parameter.
     """
     rows, turned_down, notes = usable_rows(observations, field)
@@ -30,7 +34,7 @@ def stitched(
     def begin(rows: Observations, left_out: frozenset[int]) -> Start:
         return starting_network(rows, field, width_px, height_px, lens, hold, left_out=left_out)
 
-    return calibrated("stitched", begin, rows, field, turned_down, notes)
+    return calibrated("stitched", begin, rows, field, turned_down, notes, empirical, smooth)
 
 
 @register("calibrators", "stitched_given")

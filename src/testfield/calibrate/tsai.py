@@ -45,7 +45,7 @@ def tsai(
             least_stations=1, left_out=left_out,
         )  # fmt: skip
 
-    return calibrated("tsai", begin, rows, field, turned_down, notes)
+    return calibrated("tsai", begin, rows, field, turned_down, notes, smooth=False)
 
 
 def by_radial_alignment(edges: Edges, rows: Observations, field: Field, middle_px: np.ndarray) -> tuple[float, Poses]:

@@ -164,7 +164,7 @@ class _Placement:
         """Pixels (n, k, 2) relative to the window's middle, and (n, k, 2, 2) their derivatives by the drawing."""
         plane = self.at[:, None, :] + np.einsum("nij,nkj->nki", self.to_plane, drawn - self.drawn[:, None, :])
         pixels = project_camera(self.interior, np.concatenate([plane, np.ones_like(plane[..., :1])], axis=-1))
-        slope = lens.jacobian_xy(self.interior.lens, plane, self.interior.parameters[4:])
+        slope = lens.jacobian_xy(self.interior.lens, plane, self.interior.coefficients)
         slope = self.interior.parameters[:2, None] * slope @ self.to_plane[:, None]
         return pixels - self.middle[:, None, :], slope
 
@@ -292,7 +292,7 @@ def _placement(batch: Batch, interior: Interior | None) -> _Placement | None:
         return None
     drawn = batch.theta[:, :2].copy()
     at = plane_of(interior, drawn + batch.middle)
-    slope = interior.parameters[:2, None] * lens.jacobian_xy(interior.lens, at, interior.parameters[4:])
+    slope = interior.parameters[:2, None] * lens.jacobian_xy(interior.lens, at, interior.coefficients)
     return _Placement(interior, batch.middle, at, drawn, np.linalg.inv(slope))
 
 

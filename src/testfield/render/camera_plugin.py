@@ -110,7 +110,7 @@ class CameraRays:
         self.row_s, self.exposure_s = mi.Float(motion.row_s), mi.Float(motion.exposure_s)
         timing = self.middle_row, self.row_s, self.exposure_s
         angle = interior.lens.last_angle
-        self.last_angle = None if angle is None else mi.Float(angle(interior.parameters[4:]))
+        self.last_angle = None if angle is None else mi.Float(angle(interior.coefficients))
         if self.last_angle is not None:
             dr.make_opaque(self.last_angle)
         dr.make_opaque(self.parameters, self.field, self.rotation, self.origin, self.pupil_mm, *timing)

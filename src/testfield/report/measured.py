@@ -51,10 +51,12 @@ def write_measurement(result: Measurement, field: FieldFile, folder: Path, image
         "joined": list(result.calibration.station_names),
         "datum": result.datum,
         "figures": _figures(result),
-        "interior": result.calibration.interior.to_json(),
+        "interior": result.calibration.interior.without_modes.to_json(),
         "interior_u": _interior_u(result),
         "reprojection_rms_px": result.calibration.reprojection_rms_px,
         "sigma0": result.calibration.sigma0,
+        "lens_misfit": result.calibration.misfit or None,
+        "halves": asdict(result.halves),
         "points": len(points),
         "uncoded": result.uncoded,
         "lengths": [asdict(length) for length in result.lengths],
@@ -74,7 +76,7 @@ def write_measurement(result: Measurement, field: FieldFile, folder: Path, image
 
 def _interior_u(result: Measurement) -> dict[str, float]:
     c = result.calibration
-    own = [name for name in c.interior.names if name in c.labels]
+    own = [name for name in c.interior.without_modes.names if name in c.labels]
     return {name: float(np.sqrt(c.covariance[k, k])) for name, k in zip(own, c.index(own), strict=True)}
 
 
@@ -98,6 +100,9 @@ def _figures(result: Measurement) -> list[tuple[str, str]]:
             ("claimed u of a coordinate, rms", f"{mean:.4f} mm"),
             ("the field's diagonal over that", f"1 : {extent / max(mean, 1e-12):,.0f}"),
         ]
+    rows += [difference.sentence for difference in result.halves.differences]
+    if result.halves.note:
+        rows.append(("halves of the images", result.halves.note))
     worst = [length for length in result.lengths if length.en is not None and length.role == "check"]
     if worst:
         length = max(worst, key=lambda item: abs(item.en or 0))
@@ -116,7 +121,7 @@ def _page(
     best = o.stations[int(np.bincount(o.measured.station, minlength=len(o.stations)).argmax())]
     interior = [
         (name, ("{:.3f}" if k < 4 else "{:.6g}").format(c.interior.parameters[k]), summary["interior_u"].get(name))
-        for k, name in enumerate(c.interior.names)
+        for k, name in enumerate(c.interior.without_modes.names)
     ]
     places = c.stations.origin_mm
     stations = [

@@ -101,7 +101,7 @@ def _interior_rows(world: World, calibration: Calibration, card: dict) -> list[t
     u = card["calibration"]["interior_u"]
     alike = calibration.interior.model == world.interior.model
     rows = []
-    for k, name in enumerate(calibration.interior.names):
+    for k, name in enumerate(calibration.interior.without_modes.names):
         form = "{:.4f}" if k < 4 else "{:.6g}"
         found = calibration.interior.parameters[k]
         true = world.interior.parameters[k] if alike else None

@@ -141,9 +141,14 @@ class RayTrials:
             point, slot = np.nonzero(station == s)
             camera[:, point, slot] = xyz[:, point] @ np.swapaxes(R[:, s], 1, 2) + t[:, s, None]
         plane = camera[..., :2] / camera[..., 2:]
-        c = interior[:, 4:].T[:, :, None, None]
-        bent = lens.distort(self.calibration.interior.lens, plane, c)
-        return bent * interior[:, None, None, :2] + interior[:, None, None, 2:4]
+        camera_at = self.calibration.interior
+        own = 4 + len(camera_at.coefficients)
+        bent = lens.distort(camera_at.lens, plane, interior[:, 4:own].T[:, :, None, None])
+        uv = bent * interior[:, None, None, :2] + interior[:, None, None, 2:4]
+        if camera_at.modes:
+            for at, amounts in zip(uv, interior[:, own:], strict=True):
+                at += (camera_at.by_modes(at.reshape(-1, 2)) @ amounts).reshape(at.shape)
+        return uv
 
 
 def _change_of_cameras(solved: Solved, estimate: Estimate, calibration: Calibration) -> np.ndarray:
