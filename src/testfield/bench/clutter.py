@@ -74,7 +74,7 @@ class _Panels:
 
 def cluttered_view(seed: int, index: int, targets: bool = True) -> ClutteredView:
     """View number `index`: code length, ring's shape, polarity, sizes and blur follow from the number by turns."""
-    random, name = generator(seed, f"clutter/{index}"), f"clutter/{index}"
+    random = generator(seed, f"clutter/{index}")
     bits = BITS[index % len(BITS)]
     shape = list(RADII)[index // 2 % 2]
     white_on_black = index // 3 % 3 != 2
@@ -87,13 +87,9 @@ def cluttered_view(seed: int, index: int, targets: bool = True) -> ClutteredView
     marks: list[tuple[int, np.ndarray, float, int]] = []
     _background(panels, marks, random)
     rows = (
-        _targets(panels, marks, (seed, name), interior, (smallest, largest), shape, bits, white_on_black)
-        if targets
-        else []
+        _targets(panels, marks, random, interior, (smallest, largest), shape, bits, white_on_black) if targets else []
     )
-    panels.random = generator(seed, f"{name}/bars")
-    bars = _bars(panels, panels.random)
-    panels.random = generator(seed, f"{name}/shapes' light")
+    bars = _bars(panels, random)
     shapes = _shapes(panels, blur_px, generator(seed, f"clutter/{index}/shapes"))
 
     panel = [marks[k][0] for k in rows]
@@ -193,18 +189,14 @@ def _shapes(panels: _Panels, blur_px: float, random: np.random.Generator) -> Sha
 def _targets(
     panels: _Panels,
     marks: list,
-    named: tuple[int, str],
+    random: np.random.Generator,
     interior: Interior,
     sizes_px: tuple[float, float],
     shape: str,
     bits: int,
     white_on_black: bool,
 ) -> list[int]:
-    """Targets on cards all over the image, every fourth one plain; the indices of their marks.
-
-    Each draws from a generator of its own, of the seed and under the view's name `named`.
-    """
-    random = generator(named[0], f"{named[1]}/cards")
+    """Targets on cards all over the image, every fourth one plain; the indices of their marks."""
     quiet = RADII[shape].quiet
     spacing = 1.02 * quiet * sizes_px[1] / np.sqrt(np.cos(np.radians(0.6 * LARGEST_TILT_DEG)))
     columns, rows = int(WIDTH_PX / spacing), int(HEIGHT_PX / spacing)
@@ -212,7 +204,6 @@ def _targets(
     ground, print_ = (ink[1], ink[0]) if white_on_black else ink
     mine = []
     for k in range(columns * rows):
-        random = panels.random = generator(named[0], f"{named[1]}/target/{k}")
         if random.random() < 0.15:
             continue
         pixel = (np.array([k % columns, k // columns]) + 0.5) * spacing + random.uniform(-0.1, 0.1, 2) * spacing
