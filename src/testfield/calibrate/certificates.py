@@ -249,9 +249,9 @@ def _judged(
     """What holds, and what is said of what does not."""
     failures: list[str] = []
     dropped: dict[int, Blunder] = {b.number: b for b in snooped.found}
-    gone: dict[str, list[int]] = {off.items[k].kind: [] for k in dropped} | {DISTANCE: [], PLACE: []}
+    gone: dict[str, list[int]] = {DISTANCE: [], PLACE: []}
     for k in dropped:
-        gone[off.items[k].kind].append(off.items[k].key)
+        gone.setdefault(off.items[k].kind, []).append(off.items[k].key)
     places = {} if PLACES in gone else {c: v for c, v in known.items() if c not in gone[PLACE]}
     if len(places) < 3 or on_a_line(np.array([v[0] for v in places.values()])):
         places = {}
