@@ -63,8 +63,8 @@ def judged(calibration: Calibration, rows: tuple[dict, ...]) -> Calibration:
     failures = list(calibration.failures)
     marks = [row for row in rows if row["too_many"] and row["kind"] == "mark"]
     notes = [
-        f"{row['name']} was rejected in {row['rejected']} of {row['used'] + row['rejected']} images: is it elsewhere than "
-        "on the sheet, exchanged with another, or damaged?"
+        f"{row['name']} was rejected in {row['rejected']} of {row['used'] + row['rejected']} images: is it elsewhere "
+        "than on the sheet, exchanged with another, or damaged?"
         for row in marks
     ]
     for row in rows:
