@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from test_self_calibration import SIGMA_PX, bar_of, calibrated, fitted, scene, ties_of
 
+from testfield.adjust.bundle import predict
+from testfield.adjust.network import Camera
 from testfield.adjust.snooping import snoop
 from testfield.calibrate.certified import Certified
 from testfield.calibrate.rejections import Group, counted, failed_checks
@@ -138,6 +140,14 @@ def test_an_image_whose_numbers_are_shifted_is_named_and_costs_the_others_nothin
     assert said(found, "'s3'") and found.calibration.failures
     assert {r["station"] for r in found.calibration.rejected} <= {"s3"}
     assert fitted(found, truth)[1] < 1.6
+
+
+def test_photographs_by_two_cameras_are_not_passed(truth) -> None:  # type: ignore[no-untyped-def]
+    interior = truth.interior.with_parameters(truth.interior.parameters * [1.2, 1.2, 1, 1, -1, 1, 1, 1, 1])
+    other = predict(replace(truth, cameras=(Camera.of(interior),)))
+    ties = ties_of(truth, SIGMA_PX)
+    mixed = replace(ties, xy_px=np.where((ties.image >= 5)[:, None], other, ties.xy_px))
+    assert calibrated(truth, mixed, empirical=True).calibration.failures
 
 
 def test_a_check_distance_beyond_its_uncertainty_is_a_failure(capsys: pytest.CaptureFixture) -> None:

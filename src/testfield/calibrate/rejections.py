@@ -26,6 +26,8 @@ ORDINARY = 0.02
 """Rate of rejections that needs no reason: a few misread marks in a hundred."""
 HOPELESS = 10.0
 """How many times as large as claimed residuals may be before nothing fits."""
+HOPELESS_PX = 1.0
+"""Rms of residuals that no centre of a target has, however poor its image: a model is wrong."""
 HALF = 0.4
 """Part of all observations the loss of which leaves nobody to say who was wrong."""
 
@@ -79,10 +81,9 @@ def judged(calibration: Calibration, rows: tuple[dict, ...]) -> Calibration:
             f"{lost} of {used + lost} observations were rejected: what is left may be the wrong part; look at the "
             "images' camera, the sheets, the numbers"
         )
-    variance = calibration.test.get("variance", 1.0)
-    if np.isfinite(variance) and variance > HOPELESS**2:
+    if calibration.sigma0 > HOPELESS and calibration.reprojection_rms_px > HOPELESS_PX:
         failures.append(
-            f"the residuals are {np.sqrt(variance):.0f} times as large as claimed, and no single observation is to "
+            f"the residuals are {calibration.sigma0:.0f} times as large as claimed, and no single observation is to "
             f"blame: are all images by one camera, is its lens '{calibration.interior.model}', do the sheets fit?"
         )
     said = [sentence for sentence in failures if sentence not in calibration.notes]
@@ -126,6 +127,17 @@ def failed(calibration: Calibration, failures: list[str]) -> Calibration:
     return replace(
         calibration, failures=(*calibration.failures, *failures), notes=(*failures, *calibration.notes), test=test
     )
+
+
+def lost_images(shared: dict[str, int], joined: tuple[str, ...], least: int) -> list[str]:
+    """A sentence for each image that has `least` targets or more in common with others (`shared`) and yet was not joined
+    to them."""
+    return [
+        f"image '{name}' shows {count} targets that others show too, and does not fit them: is it numbered as they are, "
+        "and by the same camera?"
+        for name, count in shared.items()
+        if name not in joined and count >= least
+    ]
 
 
 def of_boards(calibration: Calibration, used: Observations, field: Field) -> Calibration:
