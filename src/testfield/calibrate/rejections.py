@@ -130,11 +130,11 @@ def failed(calibration: Calibration, failures: list[str]) -> Calibration:
 
 
 def lost_images(shared: dict[str, int], joined: tuple[str, ...], least: int) -> list[str]:
-    """A sentence for each image that has `least` targets or more in common with others (`shared`) and yet was not joined
-    to them."""
+    """A sentence for each image that was not joined to the others, though it has `least` targets or more in common with
+    them (`shared`)."""
     return [
-        f"image '{name}' shows {count} targets that others show too, and does not fit them: is it numbered as they are, "
-        "and by the same camera?"
+        f"image '{name}' shows {count} targets that others show too, and does not fit them: is it numbered as they "
+        "are, and by the same camera?"
         for name, count in shared.items()
         if name not in joined and count >= least
     ]
