@@ -60,7 +60,7 @@ class _Item:
 @dataclass(frozen=True)
 class _Misclosure:
     """Certified minus predicted `value` (q,) in mm with `cov` (q, q), the unknowns' `design` (q, p), of which the last
-    is the network's relative scale; the certificates as possible blunders; the points at `here_mm` (k, 3), and the dots'
+    is the network's relative scale; the certificates as possible blunders; the points at `here_mm` (k, 3); the dots'
     certified `diameter_mm`, their median."""
 
     value: np.ndarray
