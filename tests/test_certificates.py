@@ -6,9 +6,13 @@ import numpy as np
 import pytest
 from test_self_calibration import SIGMA_PX, bar_of, calibrated, fitted, scene, ties_of
 
+from testfield.adjust.bundle import predict
+from testfield.adjust.network import Camera
 from testfield.adjust.snooping import snoop
 from testfield.calibrate.certified import Certified
+from testfield.calibrate.rejections import Group, counted, failed_checks
 from testfield.calibrate.self_calibration import FreeNetwork, free_network
+from testfield.cli.show import status_of
 from testfield.targets.field import ScaleBar
 
 PAIRS = ((1, 2), (5, 6), (9, 10), (13, 14))
@@ -127,3 +131,41 @@ def test_good_certificates_are_named_at_the_stated_rate() -> None:
         )  # fmt: skip
         alarms += bool(found.found)
     assert alarms <= 6
+
+
+def test_an_image_whose_numbers_are_shifted_is_named_and_costs_the_others_nothing(truth) -> None:  # type: ignore[no-untyped-def]
+    ties = ties_of(truth, SIGMA_PX)
+    shifted = replace(ties, point=np.where(ties.image == 3, (ties.point + 1) % len(ties.code), ties.point))
+    found = calibrated(truth, shifted)
+    assert said(found, "'s3'") and found.calibration.failures
+    assert {r["station"] for r in found.calibration.rejected} <= {"s3"}
+    assert fitted(found, truth)[1] < 1.6
+
+
+def test_photographs_by_two_cameras_are_not_passed(truth) -> None:  # type: ignore[no-untyped-def]
+    interior = truth.interior.with_parameters(truth.interior.parameters * [1.2, 1.2, 1, 1, -1, 1, 1, 1, 1])
+    other = predict(replace(truth, cameras=(Camera.of(interior),)))
+    ties = ties_of(truth, SIGMA_PX)
+    mixed = replace(ties, xy_px=np.where((ties.image >= 5)[:, None], other, ties.xy_px))
+    assert calibrated(truth, mixed, empirical=True).calibration.failures
+
+
+def test_a_check_distance_beyond_its_uncertainty_is_a_failure(capsys: pytest.CaptureFixture) -> None:
+    assert failed_checks([("good", -0.9), ("unmeasured", None)]) == []
+    failures = failed_checks([("bar", 1.2), ("other", float("nan"))])
+    assert "'bar'" in failures[0] and "'other'" in failures[1]
+    assert status_of(failures, strict=False) == 0 and status_of(failures, strict=True) == 1
+    assert status_of([], strict=True) == 0
+    assert "'bar'" in capsys.readouterr().err
+
+
+def test_groups_are_blamed_by_significance_and_share() -> None:
+    def rows(lost: dict[str, int], each: int = 100) -> dict[str, bool]:
+        kept = [(Group("station", name),) for name in "abcdef" for _ in range(each - lost.get(name, 0))]
+        gone = [(Group("station", name),) for name, k in lost.items() for _ in range(k)]
+        return {row["name"]: row["too_many"] for row in counted(kept, gone)}
+
+    assert not any(rows({"a": 3, "b": 2}).values())
+    assert [name for name, many in rows({"a": 60, "b": 2}).items() if many] == ["a"]
+    assert not any(rows(dict.fromkeys("abcdef", 30)).values())  # nobody more than the others
+    assert not any(rows({"a": 19}).values())  # significant, but too small a part to doubt all of it

@@ -60,13 +60,15 @@ class _Item:
 @dataclass(frozen=True)
 class _Misclosure:
     """Certified minus predicted `value` (q,) in mm with `cov` (q, q), the unknowns' `design` (q, p), of which the last
-    is the network's relative scale; the certificates as possible blunders; the points at `here_mm` (k, 3)."""
+    is the network's relative scale; the certificates as possible blunders; the points at `here_mm` (k, 3); the dots'
+    certified `diameter_mm`, their median."""
 
     value: np.ndarray
     cov: np.ndarray
     design: np.ndarray
     items: list[_Item]
     here_mm: dict[int, np.ndarray]
+    diameter_mm: float
 
 
 def without_certificates(network: Network, ties: Ties, certified: Certified) -> Network:
@@ -225,7 +227,9 @@ def _misclosure(
         value[-1], own_cov[-1], scale[-1] = 1000 * (own / s - 1), (1000 * U_DIAMETER) ** 2, 1000
         items.append(_Item(DIAMETERS, 0, _columns(q, slice(q - 1, q)), "the dots' diameters"))
     design = np.column_stack([motion, scale]) if known else scale[:, None]
-    return _Misclosure(value, np.diag(own_cov) + gain @ C @ gain.T, design, items, at)
+    told = certified.radii(ties.code)
+    diameter = 2 * float(np.nanmedian(told)) if np.isfinite(told).any() else np.nan
+    return _Misclosure(value, np.diag(own_cov) + gain @ C @ gain.T, design, items, at, diameter)
 
 
 def _columns(q: int, row: slice) -> np.ndarray:
@@ -249,9 +253,9 @@ def _judged(
     """What holds, and what is said of what does not."""
     failures: list[str] = []
     dropped: dict[int, Blunder] = {b.number: b for b in snooped.found}
-    gone: dict[str, list[int]] = {off.items[k].kind: [] for k in dropped} | {DISTANCE: [], PLACE: []}
+    gone: dict[str, list[int]] = {DISTANCE: [], PLACE: []}
     for k in dropped:
-        gone[off.items[k].kind].append(off.items[k].key)
+        gone.setdefault(off.items[k].kind, []).append(off.items[k].key)
     places = {} if PLACES in gone else {c: v for c, v in known.items() if c not in gone[PLACE]}
     if len(places) < 3 or on_a_line(np.array([v[0] for v in places.values()])):
         places = {}
@@ -345,7 +349,8 @@ def _said(
         return f"the scale of the certified places is off by {100 * by:+.3g} % ({sure})"
     by = by / 1000
     guess = "" if abs(np.log1p(max(by, -0.9999))) < np.log(OTHER_UNIT) else ": they are in another unit"
-    return f"the dots are {1 / max(1 + by, 1e-12):.4g} times as wide as their certified diameter ({sure}{guess})"
+    wide = off.diameter_mm / max(1 + by, 1e-12)
+    return f"the dots are {wide:.4g} mm wide, and certified as {off.diameter_mm:.4g} mm ({sure}{guess})"
 
 
 def _record(item: _Item, sigmas: float, found: Blunder | None, off: _Misclosure, bars: list[ScaleBar]) -> dict:

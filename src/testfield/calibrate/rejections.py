@@ -26,13 +26,15 @@ ORDINARY = 0.02
 """Rate of rejections that needs no reason: a few misread marks in a hundred."""
 HOPELESS = 10.0
 """How many times as large as claimed residuals may be before nothing fits."""
+HOPELESS_PX = 1.0
+"""Rms of residuals that no centre of a target has, however poor its image: a model is wrong."""
 HALF = 0.4
 """Part of all observations the loss of which leaves nobody to say who was wrong."""
 
 
 @dataclass(frozen=True)
 class Group:
-    """What observations have in common: `kind` (board, station, camera, certificate) and `name`."""
+    """What observations have in common: `kind` (board, station, camera, certificate, mark) and `name`."""
 
     kind: str
     name: str
@@ -51,6 +53,8 @@ def counted(used: Iterable[tuple[Group, ...]], rejected: Iterable[tuple[Group, .
         rate = max(sum(lost[g] for g in others) / all_others if all_others else 0.0, ORDINARY)
         chance = float(binom.sf(k - 1, n, min(rate, 1.0))) if k else 1.0
         many = k >= LEAST_LOST and k > LEAST_SHARE * n and chance < SIGNIFICANCE / len(groups)
+        if group.kind == "mark" and not k:
+            continue  # there are as many as there are marks
         rows.append({"kind": group.kind, "name": group.name, "used": kept[group], "rejected": k, "too_many": many})
     return tuple(rows)
 
@@ -59,8 +63,14 @@ def judged(calibration: Calibration, rows: tuple[dict, ...]) -> Calibration:
     """The calibration with its rejections counted; it is not passed where a group lost more than its share, or so much
     is lost that nobody can say who was wrong, or something else has failed already."""
     failures = list(calibration.failures)
+    marks = [row for row in rows if row["too_many"] and row["kind"] == "mark"]
+    notes = [
+        f"{row['name']} was rejected in {row['rejected']} of {row['used'] + row['rejected']} images: is it elsewhere "
+        "than on the sheet, exchanged with another, or damaged?"
+        for row in marks
+    ]
     for row in rows:
-        if row["too_many"]:
+        if row["too_many"] and row not in marks:
             failures.append(
                 f"{NAMES[row['kind']]} '{row['name']}': {row['rejected']} of {row['used'] + row['rejected']} "
                 f"observations were rejected, more than its share: {WHY[row['kind']]}"
@@ -71,17 +81,18 @@ def judged(calibration: Calibration, rows: tuple[dict, ...]) -> Calibration:
             f"{lost} of {used + lost} observations were rejected: what is left may be the wrong part; look at the "
             "images' camera, the sheets, the numbers"
         )
-    variance = calibration.test.get("variance", 1.0)
-    if np.isfinite(variance) and variance > HOPELESS**2:
+    if calibration.sigma0 > HOPELESS and calibration.reprojection_rms_px > HOPELESS_PX:
         failures.append(
-            f"the residuals are {np.sqrt(variance):.0f} times as large as claimed, and no single observation is to "
+            f"the residuals are {calibration.sigma0:.0f} times as large as claimed, and no single observation is to "
             f"blame: are all images by one camera, is its lens '{calibration.interior.model}', do the sheets fit?"
         )
     said = [sentence for sentence in failures if sentence not in calibration.notes]
     test = calibration.test
     if test:
         test = test | {"passed": bool(test["passed"]) and not failures}
-    return replace(calibration, rejections=rows, failures=tuple(failures), notes=(*said, *calibration.notes), test=test)
+    return replace(
+        calibration, rejections=rows, failures=tuple(failures), notes=(*said, *notes, *calibration.notes), test=test
+    )
 
 
 NAMES = {"board": "board", "station": "image", "camera": "camera", "certificate": "distance"}
@@ -118,16 +129,34 @@ def failed(calibration: Calibration, failures: list[str]) -> Calibration:
     )
 
 
+def lost_images(shared: dict[str, int], joined: tuple[str, ...], least: int) -> list[str]:
+    """A sentence for each image that was not joined to the others, though it has `least` targets or more in common with
+    them (`shared`)."""
+    return [
+        f"image '{name}' shows {count} targets that others show too, and does not fit them: is it numbered as they "
+        "are, and by the same camera?"
+        for name, count in shared.items()
+        if name not in joined and count >= least
+    ]
+
+
 def of_boards(calibration: Calibration, used: Observations, field: Field) -> Calibration:
     """A calibration with boards judged; `used` observations are those that were left."""
     names = [sheet.name for sheet in field.boards]
     bars = {code: bar.name for bar in field.scale_bars if bar.role == "control" for code in bar.codes}
+    rows = zip(used.station, used.board, used.code, used.point, strict=True)
     kept = [
-        _groups(used.stations[used.station[k]], names[used.board[k]] if used.board[k] >= 0 else "",
-                bars.get(int(used.code[k]), "") if used.board[k] < 0 else "")
-        for k in range(len(used))
-    ]  # fmt: skip
-    lost = [_groups(r["station"], r["board"], bars.get(r.get("code", 0), "")) for r in calibration.rejected]
+        _groups(used.stations[s], names[b], "", _mark(names[b], c, p))
+        if b >= 0
+        else _groups(used.stations[s], "", bars.get(int(c), ""))
+        for s, b, c, p in rows
+    ]
+    lost = [
+        _groups(r["station"], r["board"], "", _mark(r["board"], r["code"], r["point"]))
+        if r["board"]
+        else _groups(r["station"], "", bars.get(r["code"], ""))
+        for r in calibration.rejected
+    ]
     return judged(calibration, counted(kept, lost))
 
 
@@ -147,7 +176,12 @@ def of_ties(calibration: Calibration, station: np.ndarray, code: np.ndarray, end
     return judged(calibration, counted(kept, lost))
 
 
-def _groups(station: str, board: str, certificate: str = "", camera: str = "") -> tuple[Group, ...]:
+def _mark(board: str, code: int, point: int) -> str:
+    """What a reader calls a mark of a board."""
+    return f"{f'code {code}' if code > 0 else f'mark {point}'} of board '{board}'"
+
+
+def _groups(station: str, board: str, certificate: str = "", mark: str = "", camera: str = "") -> tuple[Group, ...]:
     """The groups of one observation; there is one camera today, and its name is empty."""
-    named = (("station", station), ("board", board), ("certificate", certificate), ("camera", camera))
+    named = (("station", station), ("board", board), ("certificate", certificate), ("mark", mark), ("camera", camera))
     return tuple(Group(kind, name) for kind, name in named if name)

@@ -25,7 +25,7 @@ from testfield.calibrate.homography import image_middle
 from testfield.calibrate.lens_misfit import LensMisfit, lens_misfit, with_misfit, without_misfit
 from testfield.calibrate.loose_discs import disc_offsets
 from testfield.calibrate.quality import residual_test
-from testfield.calibrate.rejections import of_ties
+from testfield.calibrate.rejections import lost_images, of_ties
 from testfield.calibrate.self_start import SQUARE, loose_network, start_from_nothing
 from testfield.calibrate.settle import MISFIT_ROUNDS, scatter_note
 from testfield.calibrate.ties import LEAST_COMMON, LEAST_RAYS, Ties, coded_ties, largest_group, point_name
@@ -77,7 +77,8 @@ class FreeNetwork:
 @dataclass(frozen=True)
 class Job:
     """What is adjusted: `network`, its `ties` in the same order, `radius_mm` (n,) of the discs (NaN: none), `stations`
-    names; `rejected` records; `notes`; what is `certified`, tested or not."""
+    names; `rejected` records; `notes`; what is `certified`, tested or not; `shared` targets that each image had in
+    common with others to begin with."""
 
     network: Network
     ties: Ties
@@ -86,6 +87,7 @@ class Job:
     rejected: tuple[dict, ...]
     notes: tuple[str, ...]
     certified: Certified
+    shared: dict[str, int]
 
     @property
     def labels(self) -> list[str]:
@@ -171,6 +173,8 @@ def free_network(
         )  # fmt: skip
     images_of = dict(zip(ties.code.tolist(), np.bincount(ties.point, minlength=len(ties.code)).tolist(), strict=True))
     ties = _of_images(ties, group)
+    common = np.bincount(ties.image, weights=(np.bincount(ties.point) > 1)[ties.point], minlength=len(ties.stations))
+    shared = dict(zip(ties.stations, common.astype(int).tolist(), strict=True))
     start = start_from_nothing(ties, width_px, height_px, lens, focal_px)
     for i in np.flatnonzero(~start.reached):
         said.append(f"image '{ties.stations[i]}' cannot be joined to the others and is left out")
@@ -179,7 +183,9 @@ def free_network(
     network = loose_network(ties, start.interior, poses, points, camera)
     network, _ = free_what_is_determined(network, ties.stations, hold)
     datum = in_datum(network, ties, certified or Certified(), images_of)
-    job = Job(datum.network, ties, datum.radius_mm, datum.scale_from, (), tuple(said) + datum.notes, datum.usable)
+    job = Job(
+        datum.network, ties, datum.radius_mm, datum.scale_from, (), tuple(said) + datum.notes, datum.usable, shared
+    )
     return settled(job, hold, empirical, smooth)
 
 
@@ -292,7 +298,7 @@ def _result(job: Job, adjustment: Adjustment, notes: tuple[str, ...], misfit: fl
         adjustment.covariance[np.ix_(index, index)], tuple(labels[: len(index)]), adjustment.sigma0 * misfit,
         adjustment.freedom, float(np.sqrt(size2.mean())), len(network.xy_px), job.rejected, network.xy_px,
         adjustment.residual_px, (), notes, test=residual_test(adjustment), certificates=held.records,
-        failures=held.failures,
+        failures=(*held.failures, *lost_images(job.shared, ties.stations, 2 * LEAST_COMMON)),
     )  # fmt: skip
     ends = {code: bar.name for bar in job.certified.bars for code in bar.codes}
     calibration = of_ties(calibration, network.image, ties.code[network.point], ends)

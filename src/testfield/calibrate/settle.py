@@ -234,7 +234,7 @@ def _settle(network: Network, discs: _Discs | None, start: Start, rows: Observat
             code = int(rows.code[start.rows[left[k]]])
             rejected.append(
                 {"station": station, "board": board, "x_px": x, "y_px": y, "sigmas": float(size[k]), "why": why}
-                | {"code": code}
+                | {"code": code, "point": int(rows.point[start.rows[left[k]]])}
             )
         network, discs, left = network.take(~bad), discs.take(~bad) if discs else None, left[~bad]
     adjustment = adjust(network, labels)

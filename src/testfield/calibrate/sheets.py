@@ -95,8 +95,8 @@ def _of_board(
     columns = np.zeros((3, len(marks), 3))
     columns[0, :, 0], columns[1, :, 1] = x, y
     columns[2, :, 0], columns[2, :, 1] = y, x
-    # With weights P and residuals v of covariance U - C, a blunder H has normal equations H' P (U - C) P H and the right
-    # side H' P v.
+    # With weights P and residuals v of covariance U - C, a blunder H has the normal matrix H' P (U - C) P H and the
+    # right side H' P v.
     pulled = (columns * known).reshape(3, -1)
     C = adjustment.cov.joint(np.zeros((3, len(adjustment.covariance))), marks, pulled)
     value, rank, _ = _test(pulled @ v.ravel(), pulled @ columns.reshape(3, -1).T - C)
