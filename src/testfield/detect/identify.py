@@ -117,13 +117,6 @@ def _turn_agrees(image: PlaneImage, layout: np.ndarray, spread: np.ndarray) -> n
         return np.asarray(np.linalg.norm(predicted - spread, axis=(1, 2)) < TURN_TOLERANCE * size)
 
 
-def local_maps(homography: np.ndarray, layout: np.ndarray) -> np.ndarray:
-    """(n, 2, 2) px/mm: the linear maps that are a homography's around places (n, 2)."""
-    step = 0.5
-    at = _apply(homography, layout)
-    return np.stack([(_apply(homography, layout + step * e) - at) / step for e in np.eye(2)], axis=-1)
-
-
 def _grow(
     layout: np.ndarray,
     image: PlaneImage,
@@ -174,8 +167,3 @@ def _grow(
         # Dots on the edge that found nothing are absent here; growth goes on around them.
         left = left[~edge] if good.any() else left[:0]
     return pairs
-
-
-def _apply(homography: np.ndarray, xy: np.ndarray) -> np.ndarray:
-    mapped = np.column_stack([xy, np.ones(len(xy))]) @ homography.T
-    return mapped[:, :2] / mapped[:, 2:]
