@@ -3,7 +3,16 @@
 import numpy as np
 from scipy.spatial import cKDTree
 
-from testfield.camera.plane_image import PlaneImage, RoughLens, View, fit_plane, fitted_to, rough_lens
+from testfield.camera.plane_image import (
+    NEIGHBOURS,
+    PlaneImage,
+    RoughLens,
+    View,
+    carried,
+    fit_plane,
+    fitted_to,
+    rough_lens,
+)
 from testfield.targets.field import Field
 
 LEAST_CODES = 2
@@ -143,11 +152,12 @@ def _grow(
                 break
             image = fitted
         residual = known_px - image.at(layout[known])
-        near, neighbours = cKDTree(layout[known]).query(layout[left], k=min(4, len(known)))
+        near, neighbours = cKDTree(layout[known]).query(layout[left], k=min(NEIGHBOURS, len(known)))
         # Across an empty strip of the board the nearest dots are the next step, however far they are.
         edge = near[:, 0] <= max(reach, 1.2 * near[:, 0].min())
         at = layout[left[edge]]
-        predicted = image.at(at) + residual[neighbours[edge]].mean(axis=1)
+        around = zip(at, neighbours[edge], strict=True)
+        predicted = image.at(at) + [carried(layout[known[k]] - place, residual[k]) for place, k in around]
         # The local spacing in px: what one spacing on the board becomes here, in its shorter direction.
         steps = [np.linalg.norm(image.at(at + s) - image.at(at), axis=1) for s in ([spacing, 0], [0, spacing])]
         tolerance = DOT_TOLERANCE * np.minimum(*steps)
