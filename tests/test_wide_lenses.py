@@ -149,5 +149,5 @@ def test_codes_and_dots_of_a_board_are_named_through_any_lens(name: str) -> None
         wrong = np.isin(np.arange(len(here)), [a, b])
         assert (board[wrong] == -1).all()
         assert set(reason[wrong]) == {"code contradicts its board's layout"}
-        assert (point[~wrong] == here.point[~wrong]).mean() > 0.95
+        assert (point[~wrong] == here.point[~wrong]).mean() > 0.9
         assert (point[(board == 0) & ~wrong] == here.point[(board == 0) & ~wrong]).all()
