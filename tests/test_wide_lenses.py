@@ -10,6 +10,7 @@ from testfield.camera.interior import Interior
 from testfield.camera.plane_image import fit_plane, rough_lens
 from testfield.camera.pose import Poses, rotation
 from testfield.camera.project import project_camera
+from testfield.detect.identify import identify
 from testfield.detect.observations import MEASURED, Observations
 from testfield.registry import find
 from testfield.targets.field import Field, NominalBoard
@@ -129,3 +130,24 @@ def test_what_is_discarded_is_named_with_its_board_image_and_number() -> None:
     found = calibrated(camera, replace(rows, xy_px=xy), field)
     assert sorted((r["station"], r["board"]) for r in found.rejected) == [("s3", "A"), ("s3", "A")]
     assert any("'A'" in note and "'s3' (2)" in note for note in found.notes)
+
+
+@pytest.mark.parametrize("name", ["full frame 20 mm, 60 Mpx", "equidistant fisheye, 180 degrees", "phone, 640 px"])
+def test_codes_and_dots_of_a_board_are_named_through_any_lens(name: str) -> None:
+    camera = LENSES[name]
+    _, rows, field = views(camera, grid(13, 10))
+    coded = np.arange(130) % 3 == 0
+    marks = replace(field.boards[0].marks, code=np.where(coded, 1 + np.arange(130), 0))
+    field = replace(field, boards=(replace(field.boards[0], marks=marks),))
+    for s in range(len(rows.stations)):
+        here = rows.take(rows.station == s)
+        code = marks.code[here.point].copy()
+        a, b = np.flatnonzero(code)[[2, 3]]
+        code[[a, b]] = code[[b, a]]
+        unknown = np.full((len(here), 2, 2), np.nan)
+        board, point, reason = identify(here.xy_px, code, unknown, field, camera.corners_px.mean(axis=0))
+        wrong = np.isin(np.arange(len(here)), [a, b])
+        assert (board[wrong] == -1).all()
+        assert set(reason[wrong]) == {"code contradicts its board's layout"}
+        assert (point[~wrong] == here.point[~wrong]).mean() > 0.9
+        assert (point[(board == 0) & ~wrong] == here.point[(board == 0) & ~wrong]).all()

@@ -32,7 +32,8 @@ def from_behind(
     """
     told = np.array([tells_its_side(field, int(b)) for b in board], bool)
     station, board, mirrored = station[told], board[told], mirrored[told]
-    wrong, notes = np.zeros(len(rows), bool), []
+    wrong = np.zeros(len(rows), bool)
+    notes: list[str] = []
     if not mirrored.any():
         return wrong, notes
     if mirrored.all():

@@ -260,7 +260,7 @@ def _grown(model: PlaneImage, plane: np.ndarray, image: np.ndarray, good: np.nda
         front = gap[:, 0] <= 1.3 * gap[:, 0].min()
         accepted = []
         for i, around in zip(ask[front], known[which[front]], strict=True):
-            expected = _carried(plane[around] - plane[i], residual[around])
+            expected = carried(plane[around] - plane[i], residual[around])
             if np.linalg.norm(residual[i] - expected) < allowed[i]:
                 accepted.append(i)
         # A mark that had to be extrapolated is asked again when more of its neighbours are known.
@@ -270,7 +270,7 @@ def _grown(model: PlaneImage, plane: np.ndarray, image: np.ndarray, good: np.nda
     return good
 
 
-def _carried(beside: np.ndarray, residual: np.ndarray) -> np.ndarray:
+def carried(beside: np.ndarray, residual: np.ndarray) -> np.ndarray:
     """What residuals (k, 2) at places (k, 2) beside a mark make of its own."""
     x, y = (beside / (float(np.abs(beside).max()) or 1.0)).T
     one = np.ones_like(x)

@@ -73,7 +73,8 @@ def detect(frame: Frame, field: Field, centroid: str, smallest_px: float) -> Obs
     for b, nominal in enumerate(field.boards):
         mine = np.flatnonzero((board == b) & (targets.status == MEASURED))
         marks = nominal.marks.xy_mm[point[mine]], nominal.marks.diameter_mm[point[mine]]
-        unlike = unlike_neighbours(*marks, targets.xy_px[mine], targets.moments_px2[mine], targets.cov_px2[mine])
+        seen = targets.xy_px[mine], targets.moments_px2[mine], targets.cov_px2[mine]
+        unlike = unlike_neighbours(*marks, *seen, middle)
         targets.status[mine[unlike]] = "partly hidden or disturbed"
     plain = (targets.status == MEASURED) & (targets.code == PLAIN) & (board == -1)
     for outline in printed:

@@ -3,7 +3,16 @@
 import numpy as np
 from scipy.spatial import cKDTree
 
-from testfield.camera.plane_image import PlaneImage, RoughLens, View, fit_plane, fitted_to, rough_lens
+from testfield.camera.plane_image import (
+    NEIGHBOURS,
+    PlaneImage,
+    RoughLens,
+    View,
+    carried,
+    fit_plane,
+    fitted_to,
+    rough_lens,
+)
 from testfield.targets.field import Field
 
 LEAST_CODES = 2
@@ -117,13 +126,6 @@ def _turn_agrees(image: PlaneImage, layout: np.ndarray, spread: np.ndarray) -> n
         return np.asarray(np.linalg.norm(predicted - spread, axis=(1, 2)) < TURN_TOLERANCE * size)
 
 
-def local_maps(homography: np.ndarray, layout: np.ndarray) -> np.ndarray:
-    """(n, 2, 2) px/mm: the linear maps that are a homography's around places (n, 2)."""
-    step = 0.5
-    at = _apply(homography, layout)
-    return np.stack([(_apply(homography, layout + step * e) - at) / step for e in np.eye(2)], axis=-1)
-
-
 def _grow(
     layout: np.ndarray,
     image: PlaneImage,
@@ -150,11 +152,12 @@ def _grow(
                 break
             image = fitted
         residual = known_px - image.at(layout[known])
-        near, neighbours = cKDTree(layout[known]).query(layout[left], k=min(4, len(known)))
+        near, neighbours = cKDTree(layout[known]).query(layout[left], k=min(NEIGHBOURS, len(known)))
         # Across an empty strip of the board the nearest dots are the next step, however far they are.
         edge = near[:, 0] <= max(reach, 1.2 * near[:, 0].min())
         at = layout[left[edge]]
-        predicted = image.at(at) + residual[neighbours[edge]].mean(axis=1)
+        around = zip(at, neighbours[edge], strict=True)
+        predicted = image.at(at) + [carried(layout[known[k]] - place, residual[k]) for place, k in around]
         # The local spacing in px: what one spacing on the board becomes here, in its shorter direction.
         steps = [np.linalg.norm(image.at(at + s) - image.at(at), axis=1) for s in ([spacing, 0], [0, spacing])]
         tolerance = DOT_TOLERANCE * np.minimum(*steps)
@@ -174,8 +177,3 @@ def _grow(
         # Dots on the edge that found nothing are absent here; growth goes on around them.
         left = left[~edge] if good.any() else left[:0]
     return pairs
-
-
-def _apply(homography: np.ndarray, xy: np.ndarray) -> np.ndarray:
-    mapped = np.column_stack([xy, np.ones(len(xy))]) @ homography.T
-    return mapped[:, :2] / mapped[:, 2:]
