@@ -11,8 +11,8 @@ from testfield.detect.circle_grid import order_grid
 from testfield.detect.detect import Targets, measure_targets
 from testfield.detect.noise import estimate_sheet
 from testfield.detect.observations import MEASURED, TEXTURE, Observations
-from testfield.detect.opencv_boards import Corners, detect_board
-from testfield.detect.photo_corners import with_covariance
+from testfield.detect.opencv_boards import detect_board
+from testfield.detect.photo_corners import measure_read
 from testfield.detect.target_spec import TargetSpec
 from testfield.targets.marks import RADII, USUAL
 
@@ -62,7 +62,7 @@ def detect_in_photograph(
     """Everything of one kind in one photograph. `radii` a key of `RADII`; `polarity` one of the three; dots of less
     than `smallest_px` diameter are not looked for. An image that shows nothing gives an empty result."""
     if target.kind not in ("ring", "circles"):
-        return _of_board(photograph, target, detect_board(photograph.pixels, target))
+        return _of_board(photograph, target)
     ways = (ON_BLACK, ON_WHITE) if polarity == AUTO else (polarity,)
     found = [_dots(photograph, target, way, radii, smallest_px) for way in ways]
     return max(found, key=_worth)
@@ -113,11 +113,7 @@ def _grid_places(targets: Targets, target: TargetSpec) -> np.ndarray:
     return place
 
 
-def _of_board(photograph: Photograph, target: TargetSpec, corners: Corners) -> Found:
-    n = len(corners.code)
-    nothing = np.full((n, 2, 2), np.nan)
-    observations = Observations(
-        (photograph.name,), np.zeros(n, int), corners.xy_px, nothing, nothing, corners.code, np.full(n, -1),
-        corners.point, np.full(n, np.nan), np.full(n, MEASURED, dtype=object), corners.disc,
-    )  # fmt: skip
-    return Found(with_covariance(photograph, target, observations), corners.place, corners.notes)
+def _of_board(photograph: Photograph, target: TargetSpec) -> Found:
+    corners = detect_board(photograph.pixels, target)
+    observations, notes = measure_read(photograph, target, corners)
+    return Found(observations, corners.place, (*corners.notes, *notes))
