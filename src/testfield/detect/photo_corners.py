@@ -12,6 +12,7 @@ import numpy as np
 
 from testfield.camera.images import Frame, InvertedSheet, SensorSheet
 from testfield.camera.photograph import Photograph
+from testfield.detect.corner_model import FARTHEST_PX
 from testfield.detect.noise import estimate_sheet
 from testfield.detect.observations import MEASURED, READ, Observations
 from testfield.detect.opencv_boards import CORNERS_A_TAG, Corners
@@ -23,7 +24,7 @@ from testfield.targets.marks import Marks
 
 SAME_PX = 1.5
 """The model's corner is OpenCV's where it is this near."""
-READ_PX = {"charuco": 0.25, "checkerboard": 0.25, "aruco": 0.4, "apriltag": 0.4, "acircles": 0.25}
+READ_PX = {"charuco": 0.25, "checkerboard": 0.25, "aruco": 0.8, "apriltag": 0.8, "acircles": 0.25}
 """Standard deviations of what OpenCV reads, in each direction."""
 QUIET_CELLS = (1.0, 0.5, 0.25)
 """White around a tag, in cells: what its makers ask for, and less where it is not there."""
@@ -46,8 +47,11 @@ def measure_read(photograph: Photograph, target: TargetSpec, found: Corners) -> 
     if not len(corners):
         return o, (f"all {len(o)} points are as OpenCV read them: no model can be fitted",)
     gap = np.linalg.norm(o.xy_px[:, None] - corners.xy_px[None], axis=2)
+    if target.kind in ("aruco", "apriltag"):  # tag by tag it is known which corner is which
+        tag = np.arange(len(o)) // CORNERS_A_TAG
+        gap[(corners.board != tag[:, None]) | (corners.point != o.point[:, None])] = np.inf
     same = gap.argmin(axis=1)
-    near = gap.min(axis=1) < SAME_PX
+    near = gap.min(axis=1) < (FARTHEST_PX if target.kind in ("aruco", "apriltag") else SAME_PX)
     good = near & (corners.status[same] == MEASURED)
     for name in ("xy_px", "cov_px2", "moments_px2", "chi2", "status"):
         getattr(o, name)[good] = getattr(corners, name)[same[good]]
@@ -77,7 +81,7 @@ def _tags(image: np.ndarray, sheet: SensorSheet, name: str, target: TargetSpec, 
         best: Observations | None = None
         for quiet in QUIET_CELLS:
             size = TAG_MM * (1 + 2 * quiet / (int(dictionary(names).markerSize) + 2))
-            one = measure_corners(image, sheet, name, 0, _board(pattern, np.full(2, size)), seen)
+            one = measure_corners(image, sheet, name, k, _board(pattern, np.full(2, size)), seen)
             if best is None or (one.status == MEASURED).sum() > (best.status == MEASURED).sum():
                 best = one
             if (one.status == MEASURED).all():

@@ -25,6 +25,8 @@ GROSS_PX = 25.0
 """A tag farther than this from its board's homography is misread: no lens bends one board so much."""
 CLEAR_PX, CLEAR_OF_BLUR = 1.8, 2.8
 """Nothing but the two edges may be printed within this distance of a pixel that is used, in px and in sigmas."""
+READ_WITHIN_PX = 0.8
+"""How well it is known where neighbouring tags are, which are only read."""
 AROUND = 8
 CHECKERBOARD_TRIALS = 4
 """OpenCV's checkerboard finder draws at random, and now and then it returns points that are no grid."""
@@ -169,7 +171,9 @@ def measure_corners(
     crossing = np.full(len(point), pattern.kind != "tags")
     clear = CLEAR_PX
     for _ in range(2):
-        use = _clear_pixels(board, points[point], xy, axes, clear) & ~_covered(seen.others_px, xy, clear)
+        use = _clear_pixels(board, points[point], xy, axes, clear) & ~_covered(
+            seen.others_px, xy, clear + READ_WITHIN_PX
+        )
         fitted = fit_corners(image, sheet, xy, edges, crossing, use)
         if not fitted.ok.any():
             break
