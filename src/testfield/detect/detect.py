@@ -17,6 +17,7 @@ from testfield.detect.decode import CROWDED, CUT, PLAIN, UNREADABLE, decode
 from testfield.detect.find import find_blobs
 from testfield.detect.identify import identify
 from testfield.detect.observations import MEASURED, Observations
+from testfield.detect.one_row import first_rows
 from testfield.detect.outline import POLYGON, UNEVEN, UNTOLD, shapes
 from testfield.detect.screen import may_be_dots
 from testfield.detect.square_boards import detect_squares
@@ -207,9 +208,12 @@ def measure_targets(
         status[good & (code == what)] = why
     _drop_ring_parts(centres.xy_px, centres.moments_px2, code, status, radii)
     xy_px = np.where(centres.ok[:, None], centres.xy_px, xy)
+    moments = np.where(centres.ok[:, None, None], centres.moments_px2, moments)
+    one = first_rows(xy_px, _diameter(moments), code, status, centres.chi2)
     return Targets(
-        xy_px, centres.cov_px2, centres.moments_px2, centres.chi2, centres.misfit, code, affine, status, blobs.left_out
-    )
+        xy_px[one], centres.cov_px2[one], moments[one], centres.chi2[one], centres.misfit[one], code[one],
+        affine[one], status[one], blobs.left_out,
+    )  # fmt: skip
 
 
 def _diameter(moments_px2: np.ndarray) -> np.ndarray:
