@@ -60,7 +60,7 @@ def detect_board(pixels: np.ndarray, spec: TargetSpec) -> Corners:
                 best = found
             if len(best.code):
                 break
-        if len(best.code) == _all_points(spec):
+        if 0 < len(best.code) == _all_points(spec):
             break
     return best
 
@@ -92,7 +92,7 @@ def _charuco(image: np.ndarray, spec: TargetSpec) -> Corners:
             found = _charuco_of((columns, rows), legacy, image, spec)
             if len(found.code) > len(best.code):
                 best = found
-            if len(best.code) == _all_points(spec):
+            if 0 < len(best.code) == _all_points(spec):
                 return best
     return best
 

@@ -38,12 +38,14 @@ def measure_read(photograph: Photograph, target: TargetSpec, found: Corners) -> 
         return o, ()
     image, sheet = photograph.pixels, estimate_sheet(photograph.pixels, photograph.bits, photograph.end_dn)
     if found.inverted:
-        sheet = InvertedSheet(*astuple(sheet))
-        image = sheet.largest_dn - image
+        image, sheet = _inverted(image, sheet)
     if target.kind in ("aruco", "apriltag"):
         corners = _tags(image, sheet, photograph.name, target, found)
     else:
-        corners, _ = detect_squares(Frame(photograph.name, image, sheet), Field(14, _boards(target, found)))
+        field = Field(14, _boards(target, found))
+        corners, _ = detect_squares(Frame(photograph.name, image, sheet), field)
+        if target.kind == "checkerboard" and not len(corners):  # OpenCV reads it either way
+            corners, _ = detect_squares(Frame(photograph.name, *_inverted(image, sheet)), field)
     if not len(corners):
         return o, (f"all {len(o)} points are as OpenCV read them: no model can be fitted",)
     gap = np.linalg.norm(o.xy_px[:, None] - corners.xy_px[None], axis=2)
@@ -58,6 +60,12 @@ def measure_read(photograph: Photograph, target: TargetSpec, found: Corners) -> 
     why = Counter(np.where(near, corners.status[same], "no model near")[~good].tolist())
     told = "; ".join(f"{count} {reason}" for reason, count in why.most_common())
     return o, (f"{int((~good).sum())} points are as OpenCV read them ({told})",) if told else ()
+
+
+def _inverted(image: np.ndarray, sheet: SensorSheet) -> tuple[np.ndarray, SensorSheet]:
+    """The image with black and white exchanged, and the sheet of its noise."""
+    other = InvertedSheet(*astuple(sheet))
+    return other.largest_dn - image, other
 
 
 def _as_read(name: str, target: TargetSpec, found: Corners) -> Observations:
@@ -102,13 +110,15 @@ def _boards(target: TargetSpec, found: Corners) -> tuple[NominalBoard, ...]:
     """What stands for the photograph's board."""
     columns, rows = found.size or (target.columns, target.rows)
     if target.kind == "checkerboard":
-        pattern = BoardPattern("checkerboard", columns + 1, rows + 1, target.square_mm)
+        # OpenCV finds it whichever of its sides is called the columns.
+        sizes = dict.fromkeys([(columns + 1, rows + 1), (rows + 1, columns + 1)])
+        patterns = [BoardPattern("checkerboard", *size, target.square_mm) for size in sizes]
     elif target.kind == "charuco":
         sides = target.square_mm, target.marker_mm
-        pattern = BoardPattern("charuco", columns, rows, *sides, _names(target), legacy=found.legacy)
+        patterns = [BoardPattern("charuco", columns, rows, *sides, _names(target), legacy=found.legacy)]
     else:
         return ()
-    return (_board(pattern, 2 * pattern.half_mm),)
+    return tuple(_board(pattern, 2 * pattern.half_mm) for pattern in patterns)
 
 
 def _board(pattern: BoardPattern, size_mm: np.ndarray) -> NominalBoard:
