@@ -74,10 +74,10 @@ def detect_in_photograph(
     """Everything of one kind in one photograph. `radii` a key of `RADII`; `polarity` one of the three; dots of less
     than `smallest_px` diameter are not looked for. An image that shows nothing gives an empty result."""
     if target.kind not in ("ring", "circles"):
-        found = _of_board(photograph, target, smallest_px)
-        if not len(found.observations):
-            found = replace(found, notes=(*found.notes, *exposure(photograph), *of_boards(photograph, target)))
-        return found
+        board = _of_board(photograph, target, smallest_px)
+        if not len(board.observations):
+            board = replace(board, notes=(*board.notes, *exposure(photograph), *of_boards(photograph, target)))
+        return board
     ways = (ON_BLACK, ON_WHITE) if polarity == AUTO else (polarity,)
     found = [_dots(photograph, target, way, radii, smallest_px) for way in ways]
     best = max(found, key=_worth)
