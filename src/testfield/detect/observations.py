@@ -9,8 +9,11 @@ import numpy as np
 from testfield.detect.observation_table import MEASURED, read_table
 from testfield.targets.field import Field
 
-__all__ = ["MEASURED", "Observations"]
+__all__ = ["MEASURED", "READ", "Observations"]
 
+READ = "read"
+"""The place at which a detector that states no uncertainty read a point, where no model could be fitted; the covariance
+is what such a detector's errors usually are."""
 TEXTURE = ("no ellipse fits", "too small", "too little contrast", "part of a ring", "not an ellipse")
 """Reasons why a blob was turned down that are true of texture more often than of targets."""
 
@@ -23,7 +26,7 @@ class Observations:
     whose sheet lists corners; `cov_px2` (n, 2, 2) its covariance; `moments_px2` (n, 2, 2) second moments of the dot's
     area, that is a quarter of its squared half-axes, or of the circle around a corner in which nothing else is printed;
     `code` (n,) the ring's number, 0 for a plain dot; `board`, `point` (n,) which mark of which board's sheet, -1 for
-    none; `chi2` (n,) misfit of the dot's model per degree of freedom; `status` (n,) `measured` or why not.
+    none; `chi2` (n,) misfit of the dot's model per degree of freedom; `status` (n,) `measured`, or `read` or why not.
     `centre_of_disc` tells what the `xy_px` of a dot is: True, the centre of area of the dot's image; False, the
     projection of the mark's centre, as synthetic points give it. A corner is always the projection of the corner.
     """

@@ -16,6 +16,9 @@ from testfield.detect.target_spec import TargetSpec
 from testfield.errors import TestfieldError
 
 CORNERS_A_TAG = 4
+REFINED_WITHIN_PX = 2
+"""Half-width of the window in which OpenCV refines a tag's corner: a wider one sees the neighbour's corner where tags
+are near each other, and ends between the two."""
 PUPIL_CORNERS = [1, 0, 3, 2]
 """pupil-apriltags' corners in the order of the print that OpenCV makes: clockwise from its top left."""
 PUPIL_CORNERS_OF_MAKERS = [3, 2, 1, 0]
@@ -26,8 +29,8 @@ PUPIL_CORNERS_OF_MAKERS = [3, 2, 1, 0]
 class Corners:
     """Points of a board, n rows: `xy_px` (n, 2); `code` (n,) the number of the tag a point belongs to, -1 for none;
     `point` (n,) its index on the board or, of a tag, which corner; `place` (n, 2) column and row, -1 where there is
-    none; `disc` whether the points are discs' centres; `inverted` whether the print is white on black; `notes` what was
-    done."""
+    none; `disc` whether the points are discs' centres; `inverted` whether the print is white on black; `legacy` whether
+    it is a ChArUco of OpenCV before 4.6; `size` columns and rows as they were read; `notes` what was done."""
 
     xy_px: np.ndarray
     code: np.ndarray
@@ -35,6 +38,8 @@ class Corners:
     place: np.ndarray
     disc: bool = False
     inverted: bool = False
+    legacy: bool = False
+    size: tuple[int, int] | None = None
     notes: tuple[str, ...] = ()
 
 
@@ -55,7 +60,7 @@ def detect_board(pixels: np.ndarray, spec: TargetSpec) -> Corners:
                 best = found
             if len(best.code):
                 break
-        if len(best.code) == _all_points(spec):
+        if 0 < len(best.code) == _all_points(spec):
             break
     return best
 
@@ -79,20 +84,44 @@ def _all_points(spec: TargetSpec) -> int:
 
 
 def _charuco(image: np.ndarray, spec: TargetSpec) -> Corners:
-    size = (spec.columns, spec.rows)
+    """As it was asked for; where that reads less than all, as OpenCV printed boards before 4.6, or columns and rows
+    exchanged, whichever reads most."""
+    best = _empty()
+    for columns, rows in dict.fromkeys([(spec.columns, spec.rows), (spec.rows, spec.columns)]):
+        for legacy in (False, True) if rows % 2 == 0 else (False,):
+            found = _charuco_of((columns, rows), legacy, image, spec)
+            if len(found.code) > len(best.code):
+                best = found
+            if 0 < len(best.code) == _all_points(spec):
+                return best
+    return best
+
+
+def _charuco_of(size: tuple[int, int], legacy: bool, image: np.ndarray, spec: TargetSpec) -> Corners:
     board = cv2.aruco.CharucoBoard(size, spec.square_mm, spec.marker_mm, _dictionary(spec.dictionary))
+    board.setLegacyPattern(legacy)
     corners, numbers, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(image)
     if numbers is None or len(numbers) == 0:
         return _empty()
+    notes = ["as OpenCV printed such boards before 4.6"] if legacy else []
+    if size != (spec.columns, spec.rows):
+        notes.append(f"read as {size[0]} x {size[1]} squares, {spec.columns} x {spec.rows} were asked for")
     point = np.asarray(numbers).ravel().astype(int)
-    place = np.column_stack([point % (spec.columns - 1), point // (spec.columns - 1)])
-    return Corners(_points(corners), np.full(len(point), -1), point, place)
+    place = np.column_stack([point % (size[0] - 1), point // (size[0] - 1)])
+    none = np.full(len(point), -1)
+    return Corners(_points(corners), none, point, place, legacy=legacy, size=size, notes=tuple(notes))
+
+
+def tag_detector(dictionary: cv2.aruco.Dictionary) -> cv2.aruco.ArucoDetector:
+    """OpenCV's detector of a dictionary's tags."""
+    settings = cv2.aruco.DetectorParameters()
+    settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    settings.cornerRefinementWinSize = REFINED_WITHIN_PX
+    return cv2.aruco.ArucoDetector(dictionary, settings)
 
 
 def _aruco(image: np.ndarray, spec: TargetSpec) -> Corners:
-    settings = cv2.aruco.DetectorParameters()
-    settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
-    corners, numbers, _ = cv2.aruco.ArucoDetector(_dictionary(spec.dictionary), settings).detectMarkers(image)
+    corners, numbers, _ = tag_detector(_dictionary(spec.dictionary)).detectMarkers(image)
     if numbers is None or len(numbers) == 0:
         return _empty()
     return _tags(np.asarray(corners).reshape(-1, CORNERS_A_TAG, 2), np.asarray(numbers).ravel())

@@ -44,8 +44,9 @@ def _summary(photograph: Photograph, found: Found) -> dict:
         "read": photograph.notes,
         "notes": found.notes,
         "measured": int((o.status == MEASURED).sum()),
-        "codes": sorted({int(c) for c in o.code[o.code > 0]}),
+        "codes": found.numbers.tolist(),
         "grid": (found.place.max(axis=0) + 1).tolist() if (found.place >= 0).any() else None,
+        "passed_over": found.passed_over,
         "statuses": dict(zip(statuses.tolist(), counts.tolist(), strict=True)),
     }
 
