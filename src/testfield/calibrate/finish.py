@@ -39,7 +39,7 @@ def finished(
         tuple(turned_down + misread + found.rejected), network.xy_px, adjustment.residual_px, start.graph,
         tuple(notes + start.notes + found.notes + doubts_of(adjustment, start, covariance, names, test)),
         joints=edges, board_quality=board_quality(covariance, names, start.boards, edges), test=test,
-        misfit=found.misfit.card if found.misfit else {}, point_code=codes, point_mm=network.point_mm[loose],
+        misfit=found.misfit.card, point_code=codes, point_mm=network.point_mm[loose],
     )  # fmt: skip
 
 

@@ -7,9 +7,9 @@ import numpy as np
 from testfield.adjust.bundle import Adjustment, adjust
 from testfield.adjust.network import Camera, Distances, Network, information_of
 from testfield.adjust.normals import target_normals
-from testfield.adjust.reliability import global_test
 from testfield.calibrate.doubts import geometric_doubts
-from testfield.calibrate.lens_misfit import LensMisfit, lens_misfit, with_misfit
+from testfield.calibrate.lens_misfit import without_lens_misfit
+from testfield.calibrate.misfit import NO_MISFIT, Misfit, Names, misfit_of, scatter_note, widened
 from testfield.calibrate.start import Start
 from testfield.calibrate.units import bars_of_one_unit
 from testfield.camera.circle import disc_image
@@ -27,23 +27,22 @@ SETTLED_PX = 1e-7
 
 @dataclass(frozen=True)
 class Settled:
-    """An adjustment, the records of observations `rejected` on the way, `notes` for the reader; the `misfit` of the
-    lens that is in it, if any, and the factor by which all observed covariances were `widened`."""
+    """An adjustment, the records of observations `rejected` on the way, `notes` for the reader; the `misfit` that is in
+    its model, and the factor by which all observed covariances were `widened`."""
 
     adjustment: Adjustment
     rejected: list[dict]
     notes: list[str]
-    misfit: LensMisfit | None = None
+    misfit: Misfit = NO_MISFIT
     widened: float = 1.0
 
 
-def settled(start: Start, rows: Observations, empirical: bool = False, smooth: bool | LensMisfit = True) -> Settled:
+def settled(start: Start, rows: Observations, empirical: bool = False, misfit: Misfit | None = None) -> Settled:
     """Adjust a start: coarsely, then with everything, until nothing is rejected and the discs' offsets stand still.
 
-    What residuals show that the lens model does not follow is adjusted too, unless not `smooth`, or the field that is
-    given there. `empirical` widens all
-    covariances where observations scatter more than they claim; where the lens model fails they are widened anyway.
-    Where the observations do not determine an unknown, the `TestfieldError` says which geometry is to blame.
+    What residuals show that the model does not follow is adjusted too, or the `misfit` that is given. `empirical`
+    widens all covariances where observations scatter more than they claim; where the model fails they are widened
+    anyway. Where the observations do not determine an unknown, the `TestfieldError` says which geometry is to blame.
     """
     notes: list[str] = []
     discs = _Discs(rows.moments_px2[start.rows], start.radius_mm) if rows.centre_of_disc else None
@@ -51,61 +50,49 @@ def settled(start: Start, rows: Observations, empirical: bool = False, smooth: b
         coarse = _coarse(start.network)
         found = adjust(coarse, coarse.labels(start.stations, start.boards))
         network = bars_of_one_unit(_refined(start.network, found.network), start.bars, notes)
-        last = _settle(network, discs, start)
-        misfit, last = _followed(last, network, discs, start, smooth) if smooth else (None, last)
-        adjustment, factor = _widened(last.adjustment, start) if empirical or misfit else (last.adjustment, 1.0)
+        last = _followed(_settle(network, discs, start), network, discs, start, misfit)
+        adjustment, factor = last.adjustment, 1.0
+        if empirical or last.misfit.found:
+            adjustment, factor = widened(adjustment, _names(start))
     except TestfieldError as error:
         reasons = geometric_doubts(start.network, start.stations, start.boards)
         raise TestfieldError("; ".join([error.what, *notes, *reasons]), error.where, error.do) from error
-    if misfit:
-        notes.append(misfit.note)
+    notes += last.misfit.notes
+    factor *= last.misfit.variance
     if factor > 1:
         notes.append(scatter_note(factor))
-    return Settled(adjustment, last.rejected, notes + last.notes, misfit, factor)
+    return replace(last, adjustment=adjustment, notes=notes + last.notes, widened=factor)
 
 
-def scatter_note(factor: float) -> str:
-    """What is said where covariances were multiplied by a factor."""
-    return (
-        f"observations scatter {np.sqrt(factor):.2f} times as much as detection claims; all uncertainties are "
-        "those of their scatter"
-    )
+def _names(start: Start) -> Names:
+    return lambda network: network.labels(start.stations, start.boards)
 
 
-def _followed(
-    last: Settled, network: Network, discs: "_Discs | None", start: Start, smooth: bool | LensMisfit
-) -> tuple[LensMisfit | None, Settled]:
-    """What the lens model does not follow, and everything settled again with it, beginning with all observations:
-    those that the lens model alone had turned down may be good. Asked again where some are turned down then."""
-    misfit, freedom = None, last.adjustment.freedom
+def _followed(last: Settled, network: Network, discs: "_Discs | None", start: Start, given: Misfit | None) -> Settled:
+    """Everything settled again with what the model does not follow, beginning with all observations: those that the
+    model alone had turned down may be good. Asked again, without it, where other observations are turned down then."""
+    names, rejected = _names(start), -1
+    plain = last
     for _ in range(MISFIT_ROUNDS):
-        found = last.adjustment.network
-        given = smooth if isinstance(smooth, LensMisfit) else None
-        seen = given or lens_misfit(found, found.labels(start.stations, start.boards), freedom)
-        if seen is None:
-            return misfit, last
-        misfit = seen
-        found = with_misfit(found, misfit, lambda wide: wide.labels(start.stations, start.boards))
+        misfit = given or misfit_of(plain.adjustment, names, plain.adjustment.freedom)
+        if not misfit.found:
+            return plain
+        there = misfit.applied(plain.adjustment.network, names)
         there = replace(
-            network, cameras=found.cameras, stations=found.stations, boards=found.boards,
-            scale=found.scale, point_mm=found.point_mm,
+            network, cameras=there.cameras, stations=there.stations, boards=there.boards, scale=there.scale,
+            point_mm=there.point_mm, information=there.information, cov_px2=misfit.variance * network.cov_px2,
         )  # fmt: skip
-        before, last = len(last.rejected), _settle(there, discs, start)
-        freedom = last.adjustment.freedom  # the amounts of the field are unknowns, and known before
-        if given or before == len(last.rejected):
+        last = replace(_settle(there, discs, start), misfit=misfit)
+        if given or len(last.rejected) in (rejected, len(plain.rejected)):
             break
-    return misfit, last
-
-
-def _widened(adjustment: Adjustment, start: Start) -> tuple[Adjustment, float]:
-    """The adjustment with covariances of the observations' scatter where that is larger than claimed, and by which
-    factor."""
-    test = global_test(adjustment)
-    if not test.variance > max(test.high, 1.0):
-        return adjustment, 1.0
-    network = adjustment.network
-    wider = replace(network, cov_px2=test.variance * network.cov_px2)
-    return adjust(wider, network.labels(start.stations, start.boards)), test.variance
+        rejected = len(last.rejected)
+        kept = last.adjustment.network
+        again = replace(
+            kept, cameras=without_lens_misfit(kept).cameras, information=network.information,
+            cov_px2=kept.cov_px2 / misfit.variance,
+        )  # fmt: skip
+        plain = Settled(adjust(again, names(again)), last.rejected, [])
+    return last
 
 
 class _Discs:

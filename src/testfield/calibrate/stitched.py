@@ -2,7 +2,7 @@
 
 from testfield.calibrate.calibration import Calibration
 from testfield.calibrate.finish import finished
-from testfield.calibrate.lens_misfit import LensMisfit
+from testfield.calibrate.misfit import Misfit
 from testfield.calibrate.rows import usable_rows
 from testfield.calibrate.settle import settled
 from testfield.calibrate.start import starting_network
@@ -21,18 +21,18 @@ def stitched(
     lens: str = "brown",
     hold: tuple[str, ...] = (),
     empirical: bool = False,
-    smooth: bool | LensMisfit = True,
+    misfit: Misfit | None = None,
 ) -> Calibration:
     """Sub-boards of unknown pose joined through their coded targets, in one bundle.
 
     Calibrates the `lens` model named, its parameters named in `hold` kept at zero, from what detection measured and the
     field's sheet; no starting values are needed. `empirical` widens all covariances where observations scatter more
-    than they claim; `smooth` as in `settle.settled`. Raises `TestfieldError` where no board, or too little of them, was
+    than they claim; `misfit` as in `settle.settled`. Raises `TestfieldError` where no board, or too little of them, was
     seen, and where the observations do not determine a parameter.
     """
     rows, turned_down, notes = usable_rows(observations, field)
     start = starting_network(rows, field, width_px, height_px, lens, hold)
-    return finished("stitched", settled(start, rows, empirical, smooth), start, rows, field, turned_down, notes)
+    return finished("stitched", settled(start, rows, empirical, misfit), start, rows, field, turned_down, notes)
 
 
 @register("calibrators", "stitched_given")

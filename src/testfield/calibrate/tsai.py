@@ -5,6 +5,7 @@ import numpy as np
 from testfield.calibrate.calibration import Calibration
 from testfield.calibrate.edges import Edges
 from testfield.calibrate.finish import finished
+from testfield.calibrate.misfit import NO_MISFIT
 from testfield.calibrate.rows import usable_rows
 from testfield.calibrate.settle import settled
 from testfield.calibrate.start import starting_network
@@ -42,7 +43,7 @@ def tsai(
     start = starting_network(
         rows, field, width_px, height_px, "brown", held, fixed=("cx", "cy"), guess=by_radial_alignment, least_stations=1
     )
-    return finished("tsai", settled(start, rows, smooth=False), start, rows, field, turned_down, notes)
+    return finished("tsai", settled(start, rows, misfit=NO_MISFIT), start, rows, field, turned_down, notes)
 
 
 def by_radial_alignment(edges: Edges, rows: Observations, field: Field, middle_px: np.ndarray) -> tuple[float, Poses]:

@@ -65,6 +65,9 @@ class Halves:
     note: str = ""
 
 
+NO_HALVES = Halves(0, ())
+
+
 def random_halves(images: int, split: int) -> tuple[np.ndarray, np.ndarray]:
     """The images of both halves of a split by its number."""
     order = generator(0, f"halves/{split}").permutation(images)
@@ -72,7 +75,7 @@ def random_halves(images: int, split: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def compare_halves(images: int, measure: Callable[[np.ndarray], Measured]) -> Halves:
-    """Halves measured by a function of their images' numbers; it may raise `TestfieldError` where a half is too weak."""
+    """Halves measured by a function of their images' numbers, which may raise `TestfieldError` for one too weak."""
     if images < 2 * LEAST_IMAGES:
         return Halves(
             0, (), f"no check by halves of the images: {2 * LEAST_IMAGES} images are needed, {images} are there"
