@@ -4,7 +4,9 @@ A variance component of the marks' heights: of all standard deviations s the one
 (Patterson and Thompson 1971; Foerstner 1979). With N the normal matrix of the adjustment whose marks' heights are known
 to 0 +- s, I their prior information and f the degrees of freedom, minus twice the log likelihood is
 
-    f log chi^2 + log |N| - log |I|.
+    f log chi^2 + log |N| - log |I|,   sigma^2 = chi^2 / f,
+
+and the heights' standard deviation s sigma, for all covariances are known but for the factor sigma^2.
 """
 
 from dataclasses import dataclass, replace
@@ -43,17 +45,19 @@ def unflat(network: Network, labels: list[str], freedom: int) -> Unflat | None:
     extent = float(np.linalg.norm(np.ptp(marks[:, :2], axis=0)))
     sizes = extent * 2.0 ** np.arange(np.log2(FIRST), np.log2(LAST) + 1, 2)
     base = _minus_likelihood(network, labels, freedom)[0]
-    rises = []
+    rises, variances = [], []
     for s in sizes:
         try:
-            value, network = _minus_likelihood(with_heights(network, float(s)), labels, freedom)
+            value, variance, network = _minus_likelihood(with_heights(network, float(s)), labels, freedom)
         except TestfieldError:  # heights that free cannot be told
-            value = np.inf
+            value, variance = np.inf, 1.0
         rises.append(base - value)
+        variances.append(variance)
         if len(rises) > 2 and rises[-1] < max(rises) - 20:
             break
     best = int(np.argmax(rises))
-    return Unflat(_peak(np.log(sizes), np.array(rises), best), float(rises[best]))
+    s = _peak(np.log(sizes), np.array(rises), best) * np.sqrt(variances[best])
+    return Unflat(float(s), float(rises[best]))
 
 
 def with_heights(network: Network, s_mm: float) -> Network:
@@ -64,8 +68,8 @@ def with_heights(network: Network, s_mm: float) -> Network:
     return replace(network, information=information)
 
 
-def _minus_likelihood(network: Network, labels: list[str], freedom: int) -> tuple[float, Network]:
-    """Minus twice the log likelihood, but for a constant, and the network at its minimum."""
+def _minus_likelihood(network: Network, labels: list[str], freedom: int) -> tuple[float, float, Network]:
+    """Minus twice the log likelihood, but for a constant, sigma^2, and the network at its minimum."""
     found = adjust(network, labels)
     normal = found.equations.reduced(0.0)[0]
     ways = open_motions(found.network)[0]
@@ -75,7 +79,8 @@ def _minus_likelihood(network: Network, labels: list[str], freedom: int) -> tupl
     seen = network.seen_points[network.point_board[network.seen_points] >= 0]
     blocks = np.linalg.slogdet(found.equations.point_normal)[1].sum()
     prior = np.log(network.information[seen, 2, 2]).sum()
-    return freedom * np.log(found.chi2) + float(np.linalg.slogdet(normal)[1] + blocks - prior), found.network
+    value = freedom * np.log(found.chi2) + float(np.linalg.slogdet(normal)[1] + blocks - prior)
+    return value, found.chi2 / freedom, found.network
 
 
 def _peak(x: np.ndarray, y: np.ndarray, best: int) -> float:
