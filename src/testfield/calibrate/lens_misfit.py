@@ -195,7 +195,7 @@ def _no_field(size_px: np.ndarray) -> np.ndarray:
     functions = _functions()
 
     def amounts(*parts: tuple[int, int, int, float]) -> np.ndarray:
-        return sum(np.asarray(value * functions[:, axis, row, column]) for axis, row, column, value in parts)
+        return np.sum([value * functions[:, axis, row, column] for axis, row, column, value in parts], axis=0)
 
     turn = (0, 1, 0, -size_px[1]), (1, 0, 1, size_px[0])
     each = [((0, 0, 0, 1.0),), ((1, 0, 0, 1.0),), ((0, 0, 1, 1.0),), ((1, 1, 0, 1.0),), turn]

@@ -84,8 +84,8 @@ def compare_halves(images: int, measure: Callable[[np.ndarray], Measured]) -> Ha
     for split in range(SPLITS):
         try:
             first, second = (measure(half) for half in random_halves(images, split))
-        except TestfieldError as error:
-            failed = error.what
+        except (TestfieldError, np.linalg.LinAlgError) as error:
+            failed = error.what if isinstance(error, TestfieldError) else str(error)
             continue
         found.append(_apart(first, second))
     note = f"{SPLITS - len(found)} of {SPLITS} splits of the images had a half too weak ({failed})" if failed else ""
@@ -94,7 +94,7 @@ def compare_halves(images: int, measure: Callable[[np.ndarray], Measured]) -> Ha
         rows = np.array([one[quantity] for one in found if quantity in one]).reshape(-1, 3)
         if len(rows):
             size = np.sqrt((rows**2).mean(axis=0))
-            differences.append(Difference(quantity, *size.tolist(), unit))
+            differences.append(Difference(quantity, float(size[0]), float(size[1]), float(size[2]), unit))
     return Halves(len(found), tuple(differences), note)
 
 
@@ -113,9 +113,9 @@ def _apart(a: Measured, b: Measured) -> dict[str, tuple[float, float, float]]:
 
 def _covariance(a: Calibration, b: Calibration, at_a: np.ndarray, at_b: np.ndarray) -> np.ndarray:
     """Of the difference of some unknowns, without what the halves share."""
-    field_a, field_b = ([k for k, name in enumerate(c.labels) if name.startswith(MODE)] for c in (a, b))
+    field_a, field_b = (np.array([k for k, name in enumerate(c.labels) if name.startswith(MODE)], int) for c in (a, b))
     own = a.covariance[np.ix_(at_a, at_a)] + b.covariance[np.ix_(at_b, at_b)]
-    if len(field_a) != len(field_b) or not field_a:
+    if len(field_a) != len(field_b) or not len(field_a):
         return own
     shared = a.covariance[np.ix_(at_a, field_a)] @ b.covariance[np.ix_(at_b, field_b)].T
     return own - shared - shared.T
