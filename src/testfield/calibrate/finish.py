@@ -30,7 +30,7 @@ def finished(
     code_of = dict(zip(start.network.point.tolist(), rows.code[start.rows].tolist(), strict=True))
     codes = np.array([code_of[k] for k in loose.tolist()], int)
     covariance, names = with_points(adjustment, network.labels(start.stations, start.boards), loose, codes)
-    edges, test = joints(adjustment, start.stations, start.boards), residual_test(adjustment)
+    edges, test = joints(adjustment, start.stations, start.boards), residual_test(found.plain or adjustment)
     misread = [rejection(rows, field, k, None, "misread: far from its board's homography") for k in start.gross]
     return Calibration(
         method, network.interior, start.stations, network.stations, start.boards, network.boards, network.scale,

@@ -36,8 +36,10 @@ DEGREE = 12
 """Chebyshev products of lower total degree than this carry the field: enough for the shortest length."""
 LENGTHS = (0.12, 0.24, 0.48, 0.96)
 """Lengths that are tried, as parts of the image's diagonal."""
-SIGNIFICANT = 5.5
-"""Least rise of twice the log likelihood; by chance, without a field, it is reached in 1 case of 100."""
+SIGNIFICANT = 10.0
+"""Least rise of twice the log likelihood; by chance, without a field, it is reached in 1 case of 1,000."""
+UNSEEN = 1e-3
+"""A field of a smaller part of what a typical observation claims is none: rounding has patterns too."""
 NEGLIGIBLE = 3e-4
 """A mode of the field with a smaller part of its standard deviation is left out."""
 LEAST_FREEDOM = 60
@@ -94,9 +96,10 @@ def lens_misfit(network: Network, labels: list[str], freedom: int) -> LensMisfit
     size = (network.interior.width_px, network.interior.height_px)
     found = [(*_most_likely(seen, prior_root(*size, part), freedom), part) for part in LENGTHS]
     rise, ratio, variance, part = max(found)
-    if rise < SIGNIFICANT:
-        return None
     s = float(np.sqrt(ratio * variance))
+    claimed = float(np.sqrt(np.median(np.trace(network.cov_px2, axis1=1, axis2=2)) / 2))
+    if rise < SIGNIFICANT or s < UNSEEN * claimed:
+        return None
     modes = s * np.tensordot(prior_root(*size, part).T, _functions(), 1)
     return LensMisfit(s, part * float(np.hypot(*size)), variance, rise, modes)
 

@@ -28,13 +28,15 @@ SETTLED_PX = 1e-7
 @dataclass(frozen=True)
 class Settled:
     """An adjustment, the records of observations `rejected` on the way, `notes` for the reader; the `misfit` that is in
-    its model, and the factor by which all observed covariances were `widened`."""
+    its model, and the factor by which all observed covariances were `widened`; the adjustment by the `plain` model,
+    whose residuals are tested: a wrong certificate must not pass for a lens."""
 
     adjustment: Adjustment
     rejected: list[dict]
     notes: list[str]
     misfit: Misfit = NO_MISFIT
     widened: float = 1.0
+    plain: Adjustment | None = None
 
 
 def settled(start: Start, rows: Observations, empirical: bool = False, misfit: Misfit | None = None) -> Settled:
@@ -50,7 +52,8 @@ def settled(start: Start, rows: Observations, empirical: bool = False, misfit: M
         coarse = _coarse(start.network)
         found = adjust(coarse, coarse.labels(start.stations, start.boards))
         network = bars_of_one_unit(_refined(start.network, found.network), start.bars, notes)
-        last = _followed(_settle(network, discs, start), network, discs, start, misfit)
+        plain = _settle(network, discs, start)
+        last = _followed(plain, network, discs, start, misfit)
         adjustment, factor = last.adjustment, 1.0
         if empirical or last.misfit.found:
             adjustment, factor = widened(adjustment, _names(start))
@@ -61,7 +64,7 @@ def settled(start: Start, rows: Observations, empirical: bool = False, misfit: M
     factor *= last.misfit.variance
     if factor > 1:
         notes.append(scatter_note(factor))
-    return replace(last, adjustment=adjustment, notes=notes + last.notes, widened=factor)
+    return replace(last, adjustment=adjustment, notes=notes + last.notes, widened=factor, plain=plain.adjustment)
 
 
 def _names(start: Start) -> Names:
