@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from testfield.adjust.bundle import Adjustment, adjust, predict
+from testfield.adjust.datum import open_motions
 from testfield.adjust.network import Camera, Distances, Images, Network, information_of, on_plane
 from testfield.adjust.reliability import global_test, gross_errors, reliability, variance_components
+from testfield.bench.networks import free_network
 from testfield.camera.interior import Interior
 from testfield.camera.pose import Poses, rotation
 from testfield.errors import TestfieldError
@@ -75,6 +77,18 @@ def test_a_free_network_claims_its_points_scatter_by_inner_constraints(bar: bool
         values.append(whole_nees(found, truth, defect))
     freedom = 12 * (3 * POINTS - defect)
     assert np.mean(values) == pytest.approx(1, abs=3.5 * np.sqrt(2 / freedom))
+
+
+def test_open_motions_change_no_image() -> None:
+    _, start = free_network(8, 30, seed=4)
+    away = replace(start, point_mm=start.point_mm + [300.0, -200.0, 900.0])  # the turns are about the points' middle
+    shift = np.einsum("nij,j->ni", away.stations.R, [300.0, -200.0, 900.0])
+    away = replace(away, stations=Poses(away.stations.R, away.stations.t_mm - shift))
+    by_reduced, by_point = open_motions(away)
+    for k in range(by_reduced.shape[1]):
+        step = 1e-3 / np.abs(by_point[:, :, k]).max()
+        moved = away.moved(step * by_reduced[:, k], step * by_point[:, :, k])
+        assert np.abs(predict(moved) - predict(away)).max() < 1e-8
 
 
 def test_distances_do_not_depend_on_the_datum() -> None:

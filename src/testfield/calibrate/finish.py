@@ -10,7 +10,7 @@ from testfield.adjust.weakness import weak_unknowns
 from testfield.calibrate.calibration import Calibration, point_label
 from testfield.calibrate.doubts import geometric_doubts
 from testfield.calibrate.edges import left_out
-from testfield.calibrate.lens_misfit import LensMisfit
+from testfield.calibrate.misfit import Misfit
 from testfield.calibrate.quality import board_quality, joints, residual_test
 from testfield.calibrate.rejections import of_boards
 from testfield.calibrate.rows import rejection
@@ -29,19 +29,19 @@ def calibrated(
     turned_down: list[dict],
     notes: list[str],
     empirical: bool = False,
-    smooth: bool | LensMisfit = True,
+    misfit: Misfit | None = None,
 ) -> Calibration:
     """The calibration from the start that `begin` makes of observations without some boards of the sheet: of all at
     first, then without images that contradict the others on the whole and boards whose sheets turn out to be wrong.
 
-    `empirical` and `smooth` as in `settle.settled`.
+    `empirical` and `misfit` as in `settle.settled`.
     """
     left_out: frozenset[int] = frozenset()
     failures: tuple[str, ...] = ()
     records: tuple[dict, ...] = ()
     while True:
         start = begin(rows, left_out)
-        found = settled(start, rows, empirical, smooth)
+        found = settled(start, rows, empirical, misfit)
         if found.lost is not None:
             station = rows.stations.index(start.stations[found.lost])
             here = rows.station == station
@@ -72,7 +72,7 @@ def finished(
     code_of = dict(zip(start.network.point.tolist(), rows.code[start.rows].tolist(), strict=True))
     codes = np.array([code_of[k] for k in loose.tolist()], int)
     covariance, names = with_points(adjustment, network.labels(start.stations, start.boards), loose, codes)
-    edges, test = joints(adjustment, start.stations, start.boards), residual_test(adjustment)
+    edges, test = joints(adjustment, start.stations, start.boards), residual_test(found.plain or adjustment)
     records = left_out(rows, field, start.why)
     calibration = Calibration(
         method, network.interior, start.stations, network.stations, start.boards, network.boards, network.scale,
@@ -81,7 +81,7 @@ def finished(
         tuple(turned_down + records + found.rejected), network.xy_px, adjustment.residual_px, start.graph,
         tuple(notes + start.notes + found.notes + doubts_of(adjustment, start, covariance, names, test)),
         joints=edges, board_quality=board_quality(covariance, names, start.boards, edges), test=test,
-        misfit=found.misfit.card if found.misfit else {}, point_code=codes, point_mm=network.point_mm[loose],
+        misfit=found.misfit.card, point_code=codes, point_mm=network.point_mm[loose],
         certificates=found.certificates, failures=found.failures,
     )  # fmt: skip
     return of_boards(calibration, rows.take(start.rows[found.left]), field)

@@ -29,17 +29,18 @@ from testfield.adjust.datum import open_motions
 from testfield.adjust.linear import Structure, linearise
 from testfield.adjust.network import Camera, Layout, Network
 from testfield.adjust.normal import Factor, NormalEquations
-from testfield.calibrate.calibration import Calibration
 from testfield.camera.interior import MODE, Interior
 from testfield.camera.smooth_field import mean_squares
 
-DEGREE = 10
+DEGREE = 12
 """Chebyshev products of lower total degree than this carry the field: enough for the shortest length."""
 LENGTHS = (0.12, 0.24, 0.48, 0.96)
 """Lengths that are tried, as parts of the image's diagonal."""
-SIGNIFICANT = 5.5
-"""Least rise of twice the log likelihood; by chance, without a field, it is reached in 1 case of 100."""
-NEGLIGIBLE = 1e-3
+SIGNIFICANT = 10.0
+"""Least rise of twice the log likelihood; by chance, without a field, it is reached in 1 case of 1,000."""
+UNSEEN = 1e-3
+"""A field of a smaller part of what a typical observation claims is none: rounding has patterns too."""
+NEGLIGIBLE = 3e-4
 """A mode of the field with a smaller part of its standard deviation is left out."""
 LEAST_FREEDOM = 60
 """Degrees of freedom from which the residuals of an adjustment are asked."""
@@ -91,33 +92,26 @@ def lens_misfit(network: Network, labels: list[str], freedom: int) -> LensMisfit
     """
     if len(network.cameras) != 1 or freedom < LEAST_FREEDOM:
         return None
-    seen = _seen(without_misfit(network), labels)
+    seen = _seen(without_lens_misfit(network), labels)
     size = (network.interior.width_px, network.interior.height_px)
     found = [(*_most_likely(seen, prior_root(*size, part), freedom), part) for part in LENGTHS]
     rise, ratio, variance, part = max(found)
-    if rise < SIGNIFICANT:
-        return None
     s = float(np.sqrt(ratio * variance))
+    claimed = float(np.sqrt(np.median(np.trace(network.cov_px2, axis1=1, axis2=2)) / 2))
+    if rise < SIGNIFICANT or s < UNSEEN * claimed:
+        return None
     modes = s * np.tensordot(prior_root(*size, part).T, _functions(), 1)
     return LensMisfit(s, part * float(np.hypot(*size)), variance, rise, modes)
 
 
-def misfit_of(calibration: Calibration) -> LensMisfit | None:
-    """The field that a calibration found."""
-    card, modes = calibration.misfit, calibration.interior.modes_px
-    if modes is None:
-        return None
-    return LensMisfit(card["s_px"], card["length_px"], card["variance"], card["rise"], modes)
-
-
-def with_misfit(network: Network, misfit: LensMisfit, name: Callable[[Network], list[str]]) -> Network:
+def with_lens_misfit(network: Network, misfit: LensMisfit, name: Callable[[Network], list[str]]) -> Network:
     """An adjusted network with the field's amounts among its camera's unknowns, known to be 0 +- 1, at its new minimum
     but for second-order terms; `name` gives the names of a network's unknowns."""
     wide = _with_modes(network, misfit.modes_px, 1.0)
     return undamped(wide, name(wide), STEPS)
 
 
-def without_misfit(network: Network) -> Network:
+def without_lens_misfit(network: Network) -> Network:
     """The network with the lens model alone."""
     camera = network.cameras[0]
     interior = camera.interior.without_modes
@@ -126,7 +120,7 @@ def without_misfit(network: Network) -> Network:
 
 
 def _with_modes(network: Network, modes_px: np.ndarray, u: float) -> Network:
-    camera, q = without_misfit(network).cameras[0], len(modes_px)
+    camera, q = without_lens_misfit(network).cameras[0], len(modes_px)
     widened = Camera(
         camera.interior.with_modes(modes_px),
         np.concatenate([camera.u, np.full(q, u)]),
@@ -204,7 +198,7 @@ def _no_field(size_px: np.ndarray) -> np.ndarray:
     functions = _functions()
 
     def amounts(*parts: tuple[int, int, int, float]) -> np.ndarray:
-        return sum(np.asarray(value * functions[:, axis, row, column]) for axis, row, column, value in parts)
+        return np.sum([value * functions[:, axis, row, column] for axis, row, column, value in parts], axis=0)
 
     turn = (0, 1, 0, -size_px[1]), (1, 0, 1, size_px[0])
     each = [((0, 0, 0, 1.0),), ((1, 0, 0, 1.0),), ((0, 0, 1, 1.0),), ((1, 1, 0, 1.0),), turn]

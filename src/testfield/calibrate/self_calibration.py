@@ -14,7 +14,7 @@ from testfield.adjust.bundle import Adjustment, adjust, predict
 from testfield.adjust.datum import open_motions
 from testfield.adjust.network import Camera, Distances, Images, Network
 from testfield.adjust.normal import Factor
-from testfield.adjust.reliability import global_test, reliability
+from testfield.adjust.reliability import reliability
 from testfield.adjust.weakness import weak_unknowns
 from testfield.calibrate.calibration import Calibration
 from testfield.calibrate.certificates import Tested, attached, tested, without_certificates
@@ -22,12 +22,13 @@ from testfield.calibrate.certified import Certified, in_datum
 from testfield.calibrate.edges import front_only
 from testfield.calibrate.finish import with_points
 from testfield.calibrate.homography import image_middle
-from testfield.calibrate.lens_misfit import LensMisfit, lens_misfit, with_misfit, without_misfit
+from testfield.calibrate.lens_misfit import with_lens_misfit, without_lens_misfit
 from testfield.calibrate.loose_discs import disc_offsets
+from testfield.calibrate.misfit import NO_MISFIT, Misfit, Names, misfit_of, scatter_note, widened
 from testfield.calibrate.quality import residual_test
 from testfield.calibrate.rejections import lost_images, of_ties
 from testfield.calibrate.self_start import SQUARE, loose_network, start_from_nothing
-from testfield.calibrate.settle import MISFIT_ROUNDS, scatter_note
+from testfield.calibrate.settle import MISFIT_ROUNDS
 from testfield.calibrate.ties import LEAST_COMMON, LEAST_RAYS, Ties, coded_ties, largest_group, point_name
 from testfield.camera.interior import MODE, Interior
 from testfield.camera.pose import Poses
@@ -143,12 +144,12 @@ def free_network(
     focal_px: float | None = None,
     empirical: bool = False,
     notes: list[str] | None = None,
-    smooth: bool | LensMisfit = True,
+    misfit: Misfit | None = None,
 ) -> FreeNetwork:
     """Camera, stations and points from the sights of numbered points.
 
     `hold` names lens coefficients that are held at zero; `focal_px` is a first guess, not needed; `empirical` widens
-    all covariances where observations scatter more than they claim; `smooth` as in `settle.settled`. Raises
+    all covariances where observations scatter more than they claim; `misfit` as in `settle.settled`. Raises
     `TestfieldError` where no group of images is joined, or nothing can be oriented.
     """
     said = list(notes or [])
@@ -186,75 +187,71 @@ def free_network(
     job = Job(
         datum.network, ties, datum.radius_mm, datum.scale_from, (), tuple(said) + datum.notes, datum.usable, shared
     )
-    return settled(job, hold, empirical, smooth)
+    return settled(job, hold, empirical, misfit)
 
 
-def settled(job: Job, hold: tuple[str, ...], empirical: bool, smooth: bool | LensMisfit = True) -> FreeNetwork:
+def settled(job: Job, hold: tuple[str, ...], empirical: bool, misfit: Misfit | None = None) -> FreeNetwork:
     """The final adjustment of a job: gross errors rejected, discs at rest, the lens asked once more.
 
-    The images decide alone on their observations and on what the lens model does not follow, so that no wrong
+    The images decide alone on their observations and on what the model does not follow, so that no wrong
     certificate costs any; then on the certificates.
     """
-    alone = without_certificates(without_misfit(job.network), job.ties, job.certified)
+    alone = without_certificates(without_lens_misfit(job.network), job.ties, job.certified)
     first = replace(job, network=alone)
     job, adjustment = _settle(first)
     network, lens_notes = free_what_is_determined(job.network, job.ties.stations, hold)
     bare, adjustment = _settle(replace(job, network=network))
-    misfit = None
-    if smooth:
-        misfit, bare, adjustment = _followed(first, bare, adjustment, smooth)
+    misfit, bare, adjustment = _followed(first, bare, adjustment, misfit)
     held = tested(adjustment, bare.ties, bare.certified, bare.scale_from)
     job = replace(bare, scale_from=held.scale_from)
     if held.bars or held.known:
         network, radius_mm = attached(bare.network, bare.ties, bare.radius_mm, held, bare.certified)
         job, adjustment = _settle(replace(job, network=network, radius_mm=radius_mm), reject=False)
     if held.known:  # places in space may tell of the lens what images of a plane do not
-        network, lens_notes = free_what_is_determined(without_misfit(job.network), job.ties.stations, hold)
-        network = _with_misfit(job, network, misfit) if misfit else network
+        network, lens_notes = free_what_is_determined(without_lens_misfit(job.network), job.ties.stations, hold)
+        network = with_lens_misfit(network, misfit.lens, _names(job)) if misfit.lens else network
         job, adjustment = _settle(replace(job, network=network), reject=False)
     notes = [*job.notes, *lens_notes, *held.notes, *_doubts(job, adjustment)]
-    if misfit:
-        notes.append(misfit.note)
-    test, factor = global_test(adjustment), 1.0
-    if (empirical or misfit) and test.variance > max(test.high, 1.0):
-        factor = test.variance
+    notes += misfit.notes
+    factor = misfit.variance
+    if empirical or misfit.found:
+        adjustment, more = widened(adjustment, _names(job))
+        factor *= more
+    if factor > 1:
         notes.append(scatter_note(factor))
-        widened = replace(adjustment.network, cov_px2=factor * adjustment.network.cov_px2)
-        adjustment = adjust(widened, job.labels)
     again = replace(job.network.cameras[0], u=bare.network.cameras[0].u, u_aspect=bare.network.cameras[0].u_aspect)
     job = replace(job, network=replace(job.network, cameras=(again,)))
     found = _result(job, adjustment, tuple(notes), np.sqrt(factor), held)
-    return replace(found, calibration=replace(found.calibration, misfit=misfit.card if misfit else {}))
+    return replace(found, calibration=replace(found.calibration, misfit=misfit.card))
 
 
-def _followed(
-    first: Job, job: Job, adjustment: Adjustment, smooth: bool | LensMisfit
-) -> tuple[LensMisfit | None, Job, Adjustment]:
-    """What the lens model does not follow, and everything settled again with it, beginning with all observations of the
-    `first` job: those that the lens model alone had turned down may be good. Asked again where some are turned down
-    then."""
-    misfit, freedom = None, adjustment.freedom
+def _names(job: Job) -> Names:
+    return lambda network: replace(job, network=network).labels
+
+
+def _followed(first: Job, job: Job, adjustment: Adjustment, given: Misfit | None) -> tuple[Misfit, Job, Adjustment]:
+    """What the model does not follow, and everything settled again with it, beginning with all observations of the
+    `first` job: those that the model alone had turned down may be good. Asked again, without it, where other
+    observations are turned down then."""
+    misfit, plain, rejected = NO_MISFIT, adjustment, len(job.rejected)
     for _ in range(MISFIT_ROUNDS):
-        given = smooth if isinstance(smooth, LensMisfit) else None
-        seen = given or lens_misfit(job.network, job.labels, freedom)
-        if seen is None:
+        seen = given or misfit_of(plain, _names(job), plain.freedom)
+        if not seen.found:
             break
         misfit = seen
-        before = job
-        there = _with_misfit(job, job.network, misfit)
-        job, adjustment = _settle(_begun_again(first, replace(job, network=there)))
-        freedom = adjustment.freedom  # the amounts of the field are unknowns, and known before: they count for nothing
-        if given or len(job.rejected) == len(before.rejected):
+        there = misfit.applied(plain.network, _names(job))
+        job, adjustment = _settle(_begun_again(first, replace(job, network=there), misfit.variance))
+        if given or len(job.rejected) == rejected:
             break
+        rejected = len(job.rejected)
+        network = job.network
+        again = replace(without_lens_misfit(network), cov_px2=network.cov_px2 / misfit.variance)
+        plain = adjust(again, _names(job)(again))
     return misfit, job, adjustment
 
 
-def _with_misfit(job: Job, network: Network, misfit: LensMisfit) -> Network:
-    return with_misfit(network, misfit, lambda wide: replace(job, network=wide).labels)
-
-
-def _begun_again(first: Job, job: Job) -> Job:
-    """The `first` job at what was found since."""
+def _begun_again(first: Job, job: Job, variance: float) -> Job:
+    """The `first` job at what was found since, its observations' covariances multiplied by a variance factor."""
     network, found = first.network, job.network
     stations, points = network.stations, network.point_mm.copy()
     R, t = stations.R.copy(), stations.t_mm.copy()
@@ -263,7 +260,11 @@ def _begun_again(first: Job, job: Job) -> Job:
     R[here], t[here] = found.stations.R, found.stations.t_mm
     place_of = {int(code): k for k, code in enumerate(first.ties.code)}
     points[[place_of[int(code)] for code in job.ties.code]] = found.point_mm
-    return replace(first, network=replace(network, cameras=found.cameras, stations=Poses(R, t), point_mm=points))
+    return replace(
+        first, network=replace(
+            network, cameras=found.cameras, stations=Poses(R, t), point_mm=points, cov_px2=variance * network.cov_px2
+        ),
+    )  # fmt: skip
 
 
 def _doubts(job: Job, adjustment: Adjustment) -> list[str]:

@@ -9,7 +9,8 @@ from testfield.adjust.network import Camera, Distances, Network, information_of
 from testfield.adjust.normals import target_normals
 from testfield.adjust.reliability import global_test, reliability
 from testfield.calibrate.doubts import geometric_doubts
-from testfield.calibrate.lens_misfit import LensMisfit, lens_misfit, with_misfit
+from testfield.calibrate.lens_misfit import without_lens_misfit
+from testfield.calibrate.misfit import NO_MISFIT, Misfit, Names, excess_of, misfit_of, scatter_note, widened
 from testfield.calibrate.sheets import (
     FEW,
     SHAPE,
@@ -35,15 +36,22 @@ LEAST_STRETCH = 1e-4
 """Part by which a sheet's spacing must be off to be called so."""
 ROUNDS = 12
 MISFIT_ROUNDS = 3
+EXPLAINED, EXPLAINED_PART = 4.0, 0.02
+"""Variance factor that a misfit may leave, of what was called a wrong sheet or image, to be the explanation instead; or
+as a part of the factor without it."""
 SETTLED_PX = 1e-7
 
 
 @dataclass(frozen=True)
 class Settled:
     """An adjustment, the records of observations `rejected` on the way, `notes` for the reader; the `left` of the
-    start's observations (an index); `certificates` tested and `failures` as in `Calibration`; the `misfit` of the lens
-    that is in it, if any, and the factor by which all observed covariances were `widened`. Where a board's sheet is
-    `wrong` (its place in the start), or a `lost` image contradicts the others, all must begin again without it."""
+    start's observations (an index); `certificates` tested and `failures` as in `Calibration`; the `misfit` that is in
+    its model, and the factor by which all observed covariances were `widened`; where there is a misfit, the adjustment
+    by the `plain` model, whose residuals are tested: a wrong certificate must not pass for a lens.
+
+    Where a board's sheet is `wrong` (its place in the start), or a `lost` image contradicts the others, all must begin
+    again without it.
+    """
 
     adjustment: Adjustment
     rejected: list[dict]
@@ -53,8 +61,9 @@ class Settled:
     failures: tuple[str, ...] = ()
     wrong: int | None = None
     lost: int | None = None
-    misfit: LensMisfit | None = None
+    misfit: Misfit = NO_MISFIT
     widened: float = 1.0
+    plain: Adjustment | None = None
 
     @property
     def begin_again(self) -> bool:
@@ -62,29 +71,30 @@ class Settled:
         return self.wrong is not None or self.lost is not None
 
 
-def settled(start: Start, rows: Observations, empirical: bool = False, smooth: bool | LensMisfit = True) -> Settled:
+def settled(start: Start, rows: Observations, empirical: bool = False, misfit: Misfit | None = None) -> Settled:
     """Adjust a start: coarsely, then with everything, until nothing is rejected and the discs' offsets stand still.
 
-    What residuals show that the lens model does not follow is adjusted too, unless not `smooth`, or the field that is
-    given there; it is asked before a sheet or an image is called wrong. Bars come last: they are tested against what
-    images and sheets made of them. `empirical` widens all covariances where observations scatter more than they claim;
-    where the lens model fails they are widened anyway. Where the observations do not determine an unknown, the
-    `TestfieldError` says which geometry is to blame.
+    What residuals show that the model does not follow is adjusted too, or the `misfit` that is given; it is asked
+    before a sheet or an image is called wrong. Bars come last: they are tested against what images and sheets made of
+    them. `empirical` widens all covariances where observations scatter more than they claim; where the model fails they
+    are widened anyway. Where the observations do not determine an unknown, the `TestfieldError` says which geometry is
+    to blame.
     """
     discs = _Discs(rows.moments_px2[start.rows], start.radius_mm) if rows.centre_of_disc else None
     try:
         coarse = _coarse(start.network)
         found = adjust(coarse, coarse.labels(start.stations, start.boards))
         network = replace(_refined(start.network, found.network), distances=Distances())
-        answer = _settle(network, discs, start, rows)
-        misfit, answer = _followed(answer, network, discs, start, rows, smooth) if smooth else (None, answer)
-        if answer.begin_again:
-            return answer
-        if misfit:
-            answer = replace(answer, misfit=misfit, notes=[*answer.notes, misfit.note])
+        plain = _settle(network, discs, start, rows)
+        last = _followed(plain, network, discs, start, rows, misfit)
+        if last.begin_again:
+            return last
+        last = replace(last, notes=[*last.misfit.notes, *last.notes])
         if len(start.network.distances):
-            answer = _with_bars(answer, discs, start)
-        return _widened(answer, start) if empirical or misfit else answer
+            last = _with_bars(last, discs, start)
+        if empirical or last.misfit.found:
+            adjustment, factor = widened(last.adjustment, _unknowns(start))
+            last = replace(last, adjustment=adjustment, widened=factor * last.misfit.variance)
     except TestfieldError as error:
         reasons = geometric_doubts(start.network, start.stations, start.boards)
         raise TestfieldError("; ".join([error.what, *reasons]), error.where, error.do) from error
@@ -94,44 +104,47 @@ def settled(start: Start, rows: Observations, empirical: bool = False, smooth: b
             "; ".join(["the adjustment does not come to rest", *reasons]),
             do="look at the sheets, the numbers, the images",
         ) from error
+    if last.widened > 1:
+        last = replace(last, notes=[*last.notes, scatter_note(last.widened)])
+    return replace(last, plain=plain.adjustment if last.misfit.found else None)
 
 
-def scatter_note(factor: float) -> str:
-    """What is said where covariances were multiplied by a factor."""
-    return (
-        f"observations scatter {np.sqrt(factor):.2f} times as much as detection claims; all uncertainties are "
-        "those of their scatter"
-    )
+def _unknowns(start: Start) -> Names:
+    return lambda network: network.labels(start.stations, start.boards)
 
 
 def _followed(
-    last: Settled,
-    network: Network,
-    discs: "_Discs | None",
-    start: Start,
-    rows: Observations,
-    smooth: bool | LensMisfit,
-) -> tuple[LensMisfit | None, Settled]:
-    """What the lens model does not follow, and everything settled again with it, beginning with all observations:
-    those that the lens model alone had turned down may be good. Asked again where some are turned down then."""
-    misfit, freedom = None, last.adjustment.freedom
+    last: Settled, network: Network, discs: "_Discs | None", start: Start, rows: Observations, given: Misfit | None
+) -> Settled:
+    """Everything settled again with what the model does not follow, beginning with all observations: those that the
+    model alone had turned down may be good. Asked again, without it, where other observations are turned down then."""
+    names, rejected = _unknowns(start), -1
+    plain = last
     for _ in range(MISFIT_ROUNDS):
-        found = last.adjustment.network
-        given = smooth if isinstance(smooth, LensMisfit) else None
-        seen = given or lens_misfit(found, found.labels(start.stations, start.boards), freedom)
-        if seen is None:
-            return misfit, last
-        misfit = seen
-        found = with_misfit(found, misfit, lambda wide: wide.labels(start.stations, start.boards))
+        misfit = given or misfit_of(plain.adjustment, names, plain.adjustment.freedom)
+        if not misfit.found or (plain.begin_again and not _explains(misfit, plain.adjustment)):
+            return plain
+        there = misfit.applied(plain.adjustment.network, names)
         there = replace(
-            network, cameras=found.cameras, stations=found.stations, boards=found.boards,
-            scale=found.scale, point_mm=found.point_mm,
+            network, cameras=there.cameras, stations=there.stations, boards=there.boards, scale=there.scale,
+            point_mm=there.point_mm, information=there.information, cov_px2=misfit.variance * network.cov_px2,
         )  # fmt: skip
-        before, last = last, _settle(there, discs, start, rows)
-        freedom = last.adjustment.freedom  # the amounts of the field are unknowns, and known before
-        if given or last.begin_again or (len(before.rejected) == len(last.rejected) and not before.begin_again):
+        last = replace(_settle(there, discs, start, rows), misfit=misfit)
+        if last.begin_again or given or len(last.rejected) in (rejected, len(plain.rejected)):
             break
-    return misfit, last
+        rejected = len(last.rejected)
+        kept = last.adjustment.network
+        again = replace(
+            kept, cameras=without_lens_misfit(kept).cameras, information=network.information,
+            cov_px2=kept.cov_px2 / misfit.variance,
+        )  # fmt: skip
+        plain = replace(last, adjustment=adjust(again, names(again)), notes=[], misfit=NO_MISFIT)
+    return last
+
+
+def _explains(misfit: Misfit, adjustment: Adjustment) -> bool:
+    """Whether a misfit leaves little of what contradicts in an adjustment: a wrong sheet leaves most of it."""
+    return misfit.variance < max(EXPLAINED, EXPLAINED_PART * excess_of(adjustment))
 
 
 def _with_bars(answer: Settled, discs: "_Discs | None", start: Start) -> Settled:
@@ -142,18 +155,6 @@ def _with_bars(answer: Settled, discs: "_Discs | None", start: Start) -> Settled
         answer, adjustment=adjustment, certificates=(*answer.certificates, *bars.records),
         failures=(*answer.failures, *bars.failures), notes=[*answer.notes, *bars.notes, *doubts],
     )  # fmt: skip
-
-
-def _widened(answer: Settled, start: Start) -> Settled:
-    """The answer with covariances of the observations' scatter where that is larger than claimed."""
-    test = global_test(answer.adjustment)
-    if not test.variance > max(test.high, 1.0):
-        return answer
-    network = answer.adjustment.network
-    wider = replace(network, cov_px2=test.variance * network.cov_px2)
-    adjustment = adjust(wider, network.labels(start.stations, start.boards))
-    notes = [*answer.notes, scatter_note(test.variance)]
-    return replace(answer, adjustment=adjustment, notes=notes, widened=test.variance)
 
 
 class _Discs:

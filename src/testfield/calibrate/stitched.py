@@ -2,7 +2,7 @@
 
 from testfield.calibrate.calibration import Calibration
 from testfield.calibrate.finish import calibrated
-from testfield.calibrate.lens_misfit import LensMisfit
+from testfield.calibrate.misfit import Misfit
 from testfield.calibrate.rows import usable_rows
 from testfield.calibrate.start import Start, starting_network
 from testfield.detect.observations import Observations
@@ -20,13 +20,13 @@ def stitched(
     lens: str = "brown",
     hold: tuple[str, ...] = (),
     empirical: bool = False,
-    smooth: bool | LensMisfit = True,
+    misfit: Misfit | None = None,
 ) -> Calibration:
     """Sub-boards of unknown pose joined through their coded targets, in one bundle.
 
     Calibrates the `lens` model named, its parameters named in `hold` kept at zero, from what detection measured and the
     field's sheet; no starting values are needed. `empirical` widens all covariances where observations scatter more
-    than they claim; `smooth` as in `settle.settled`. Raises `TestfieldError` where no board, or too little of them, was
+    than they claim; `misfit` as in `settle.settled`. Raises `TestfieldError` where no board, or too little of them, was
     seen, and where the observations do not determine a parameter.
     """
     rows, turned_down, notes = usable_rows(observations, field)
@@ -34,7 +34,7 @@ def stitched(
     def begin(rows: Observations, left_out: frozenset[int]) -> Start:
         return starting_network(rows, field, width_px, height_px, lens, hold, left_out=left_out)
 
-    return calibrated("stitched", begin, rows, field, turned_down, notes, empirical, smooth)
+    return calibrated("stitched", begin, rows, field, turned_down, notes, empirical, misfit)
 
 
 @register("calibrators", "stitched_given")

@@ -5,6 +5,7 @@ import numpy as np
 from testfield.calibrate.calibration import Calibration
 from testfield.calibrate.edges import Edges
 from testfield.calibrate.finish import calibrated
+from testfield.calibrate.misfit import NO_MISFIT
 from testfield.calibrate.rows import usable_rows
 from testfield.calibrate.start import Start, starting_network
 from testfield.camera.pose import Poses, nearest_rotation
@@ -45,7 +46,7 @@ def tsai(
             least_stations=1, left_out=left_out,
         )  # fmt: skip
 
-    return calibrated("tsai", begin, rows, field, turned_down, notes, smooth=False)
+    return calibrated("tsai", begin, rows, field, turned_down, notes, misfit=NO_MISFIT)
 
 
 def by_radial_alignment(edges: Edges, rows: Observations, field: Field, middle_px: np.ndarray) -> tuple[float, Poses]:

@@ -8,8 +8,8 @@ import numpy as np
 from testfield.adjust.network import Images
 from testfield.calibrate.calibration import Calibration
 from testfield.calibrate.certified import Certified
-from testfield.calibrate.lens_misfit import LensMisfit, misfit_of
 from testfield.calibrate.loose_discs import measured_radii
+from testfield.calibrate.misfit import Misfit
 from testfield.calibrate.rejections import failed, failed_checks
 from testfield.calibrate.self_calibration import FreeNetwork, free_network, settled
 from testfield.calibrate.self_start import loose_network
@@ -24,7 +24,7 @@ from testfield.reconstruct.uncoded import match_dots
 from testfield.targets.field import Field, NominalBoard, ScaleBar
 from testfield.targets.field_file import FieldFile
 from testfield.targets.marks import Marks
-from testfield.uncertainty.halves import Halves, compare_halves
+from testfield.uncertainty.halves import NO_HALVES, Halves, compare_halves
 
 LEAST_TOLERANCE_PX, MOST_TOLERANCE_PX = 0.3, 3.0
 """Within which a ray must meet others to be of the same dot: six times the reprojection's rms, but between these."""
@@ -55,7 +55,7 @@ class Measurement:
     points: Points
     lengths: tuple[Length, ...]
     datum: str
-    halves: Halves = Halves(0, ())
+    halves: Halves = NO_HALVES
 
     @property
     def uncoded(self) -> int:
@@ -90,15 +90,15 @@ def measure(
     """Cameras and points from what was found in photographs of `size_px` (width, height), all by one camera, and what
     the two halves of the photographs say of their uncertainties."""
 
-    def some(images: np.ndarray, focal_px: float | None, smooth: bool | LensMisfit) -> Measurement:
+    def some(images: np.ndarray, focal_px: float | None, misfit: Misfit | None) -> Measurement:
         chosen = tuple(names[k] for k in images), [found[k] for k in images]
-        return _measured(*chosen, size_px, field, target, lens, hold, focal_px, smooth)
+        return _measured(*chosen, size_px, field, target, lens, hold, focal_px, misfit)
 
-    whole = some(np.arange(len(names)), focal_px, True)
-    focal, smooth = whole.calibration.interior.fx, misfit_of(whole.calibration) or False
+    whole = some(np.arange(len(names)), focal_px, None)
+    focal, given = whole.calibration.interior.fx, Misfit.of(whole.calibration)
 
     def half(images: np.ndarray) -> tuple[Calibration, Points]:
-        one = some(images, focal, smooth)
+        one = some(images, focal, given)
         return one.calibration, one.points
 
     return replace(whole, halves=compare_halves(len(names), half))
@@ -113,15 +113,15 @@ def _measured(
     lens: str,
     hold: tuple[str, ...],
     focal_px: float | None,
-    smooth: bool | LensMisfit,
+    misfit: Misfit | None,
 ) -> Measurement:
     observations = Observations.join([one.observations for one in found], names)
     if target.kind == "circles":
-        return _of_grid(observations, found, size_px, field, target, lens, hold, smooth)
+        return _of_grid(observations, found, size_px, field, target, lens, hold, misfit)
     ties, notes = coded_ties(observations)
     certified = certified_of(field)
-    result = free_network(ties, *size_px, lens, hold, certified, focal_px, True, notes, smooth)
-    result = with_dots(result, observations, hold, smooth)
+    result = free_network(ties, *size_px, lens, hold, certified, focal_px, True, notes, misfit)
+    result = with_dots(result, observations, hold, misfit)
     points = Points(
         "self", result.code, result.xyz_mm, result.cov_xyz_mm2, result.rays, result.residual_rms_px, result.rejected
     )
@@ -137,7 +137,7 @@ def _measured(
 
 
 def with_dots(
-    result: FreeNetwork, observations: Observations, hold: tuple[str, ...], smooth: bool | LensMisfit = True
+    result: FreeNetwork, observations: Observations, hold: tuple[str, ...], misfit: Misfit | None = None
 ) -> FreeNetwork:
     """The network with the dots that have no code, named by their rays; as it was where there are none."""
     calibration, job = result.calibration, result.job
@@ -183,7 +183,7 @@ def with_dots(
         distances=network.distances, images=Images.one_camera(len(network.stations)),
     )  # fmt: skip
     radius = np.concatenate([job.radius_mm, measured_radii(wider, ties.moments_px2)[len(old.code) :]])
-    return settled(replace(job, network=wider, ties=ties, radius_mm=radius), hold, True, smooth)
+    return settled(replace(job, network=wider, ties=ties, radius_mm=radius), hold, True, misfit)
 
 
 def _lengths(certified: Certified, points: Points, unused: set[str]) -> tuple[tuple[Length, ...], list[str]]:
@@ -230,7 +230,7 @@ def _of_grid(
     target: TargetSpec,
     lens: str,
     hold: tuple[str, ...],
-    smooth: bool | LensMisfit,
+    misfit: Misfit | None,
 ) -> Measurement:
     """A camera from photographs of a flat grid of circles."""
     if not (field.grid and target.columns and field.target.diameter_mm):
@@ -249,7 +249,7 @@ def _of_grid(
     named = replace(observations, board=np.where(on, 0, -1), point=point)
     sizes = Counter(tuple((one.place.max(axis=0, initial=-1) + 1).tolist()) for one in found)
     odd = [s for s in sizes if s != (target.columns, target.rows)]
-    calibration = stitched(named, Field(14, (board,)), *size_px, lens, hold, True, smooth)
+    calibration = stitched(named, Field(14, (board,)), *size_px, lens, hold, True, misfit)
     notes = (*calibration.notes, *(f"{sizes[s]} image(s) show a grid of {s[0]} x {s[1]} only" for s in odd))
     empty = Points("stitched", *(np.zeros(s, t) for s, t in EMPTY))
     return Measurement(

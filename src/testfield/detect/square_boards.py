@@ -102,7 +102,7 @@ class _Reader:
         """(n,) which points (n, 2) of a board were read where the others say, whatever the lens."""
         if len(board_mm) == CORNERS_A_TAG:  # one tag alone contradicts nobody
             return np.ones(CORNERS_A_TAG, bool)
-        height, width = self.bytes.shape
+        height, width = self.image.shape
         view = board_mm, image_px
         return fit_plane(view, rough_lens([view], np.array([width - 1, height - 1]) / 2))[1]
 

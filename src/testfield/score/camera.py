@@ -4,11 +4,13 @@ import numpy as np
 
 from testfield.calibrate.calibration import Calibration
 from testfield.camera.interior import Interior
-from testfield.camera.pose import Poses, cross_matrix, nearest_rotation, rotation_vector
+from testfield.camera.pose import Poses, cross_matrix, nearest_rotation, rotation, rotation_vector
 from testfield.camera.project import camera_jacobian, directions, project_camera
 from testfield.scene.world import World
 
 GRID = (13, 11)
+TURNS = 3
+"""Steps in which the rotation is found that two cameras may differ by."""
 
 
 def interior_difference(true: Interior, found: Interior, uv_px: np.ndarray) -> np.ndarray:
@@ -44,9 +46,14 @@ def imaging_score(true: Interior, calibration: Calibration) -> dict:
     names = [name for name in found.names if name in calibration.labels]
     if len(at) < 3 or not names:
         return {"imaging_error_px": None, "imaging_u_px": None, "imaging_anees": None}
+    for _ in range(TURNS):  # the principal point may be off by pixels, and the turn that makes up for it is not small
+        uv, by_interior, by_ray = camera_jacobian(found, rays)
+        turns = (-by_ray @ cross_matrix(rays)).reshape(2 * len(at), 3)
+        turn = np.linalg.lstsq(turns, (at - uv).ravel(), rcond=None)[0]
+        rays = rays @ rotation(turn[None])[0].T
     uv, by_interior, by_ray = camera_jacobian(found, rays)
-    flat = by_interior[:, :, [found.names.index(name) for name in names]].reshape(2 * len(at), -1)
     turns = (-by_ray @ cross_matrix(rays)).reshape(2 * len(at), 3)
+    flat = by_interior[:, :, [found.names.index(name) for name in names]].reshape(2 * len(at), -1)
     S = np.eye(2 * len(at)) - turns @ np.linalg.pinv(turns)
     error, flat, index = S @ (uv - at).ravel(), (S @ flat).reshape(len(at), 2, -1), calibration.index(names)
     covariance = flat @ calibration.covariance[np.ix_(index, index)] @ np.swapaxes(flat, 1, 2)

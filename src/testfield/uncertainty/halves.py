@@ -65,6 +65,9 @@ class Halves:
     note: str = ""
 
 
+NO_HALVES = Halves(0, ())
+
+
 def random_halves(images: int, split: int) -> tuple[np.ndarray, np.ndarray]:
     """The images of both halves of a split by its number."""
     order = generator(0, f"halves/{split}").permutation(images)
@@ -72,7 +75,7 @@ def random_halves(images: int, split: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def compare_halves(images: int, measure: Callable[[np.ndarray], Measured]) -> Halves:
-    """Halves measured by a function of their images' numbers; it may raise `TestfieldError` where a half is too weak."""
+    """Halves measured by a function of their images' numbers, which may raise `TestfieldError` for one too weak."""
     if images < 2 * LEAST_IMAGES:
         return Halves(
             0, (), f"no check by halves of the images: {2 * LEAST_IMAGES} images are needed, {images} are there"
@@ -81,8 +84,8 @@ def compare_halves(images: int, measure: Callable[[np.ndarray], Measured]) -> Ha
     for split in range(SPLITS):
         try:
             first, second = (measure(half) for half in random_halves(images, split))
-        except TestfieldError as error:
-            failed = error.what
+        except (TestfieldError, np.linalg.LinAlgError) as error:
+            failed = error.what if isinstance(error, TestfieldError) else str(error)
             continue
         found.append(_apart(first, second))
     note = f"{SPLITS - len(found)} of {SPLITS} splits of the images had a half too weak ({failed})" if failed else ""
@@ -91,7 +94,7 @@ def compare_halves(images: int, measure: Callable[[np.ndarray], Measured]) -> Ha
         rows = np.array([one[quantity] for one in found if quantity in one]).reshape(-1, 3)
         if len(rows):
             size = np.sqrt((rows**2).mean(axis=0))
-            differences.append(Difference(quantity, *size.tolist(), unit))
+            differences.append(Difference(quantity, float(size[0]), float(size[1]), float(size[2]), unit))
     return Halves(len(found), tuple(differences), note)
 
 
@@ -110,9 +113,9 @@ def _apart(a: Measured, b: Measured) -> dict[str, tuple[float, float, float]]:
 
 def _covariance(a: Calibration, b: Calibration, at_a: np.ndarray, at_b: np.ndarray) -> np.ndarray:
     """Of the difference of some unknowns, without what the halves share."""
-    field_a, field_b = ([k for k, name in enumerate(c.labels) if name.startswith(MODE)] for c in (a, b))
+    field_a, field_b = (np.array([k for k, name in enumerate(c.labels) if name.startswith(MODE)], int) for c in (a, b))
     own = a.covariance[np.ix_(at_a, at_a)] + b.covariance[np.ix_(at_b, at_b)]
-    if len(field_a) != len(field_b) or not field_a:
+    if len(field_a) != len(field_b) or not len(field_a):
         return own
     shared = a.covariance[np.ix_(at_a, field_a)] @ b.covariance[np.ix_(at_b, field_b)].T
     return own - shared - shared.T
