@@ -221,15 +221,17 @@ def observe(world: World) -> Observations:
     )  # fmt: skip
 
 
-def test_a_calibration_that_believes_the_sheets_sees_the_misfit() -> None:
+def test_a_calibration_told_that_boards_are_flat_finds_that_they_are_not() -> None:
     straight = build_world(load_scene(QUICK))
     bowed = build_world(with_bows(((1.0, 90.0), (0.0, 0.0), (0.0, 0.0))))
     for believed, true in zip(bowed.field.boards, straight.field.boards, strict=True):
         assert np.array_equal(believed.marks.xy_mm, true.marks.xy_mm)
     fits = [stitched(observe(world), world.field, 1280, 1024) for world in (straight, bowed)]
-    assert not fits[0].rejected
-    assert len(fits[1].rejected) > 50
-    assert fits[1].sigma0 > 1.5 * fits[0].sigma0
+    assert not fits[0].rejected and not fits[0].misfit
+    # A board bowed by 1 mm, of three: heights of 0.3 mm on it, of 0 on the others. No mark is to blame for it.
+    assert 0.1 < fits[1].misfit["unflat_mm"] < 0.5
+    assert len(fits[1].rejected) < 5
+    assert not fits[1].test["passed"]
 
 
 def test_a_bow_of_more_than_a_half_circle_is_refused() -> None:

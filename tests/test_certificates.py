@@ -13,6 +13,7 @@ from testfield.calibrate.certified import Certified
 from testfield.calibrate.rejections import Group, counted, failed_checks
 from testfield.calibrate.self_calibration import FreeNetwork, free_network
 from testfield.cli.show import status_of
+from testfield.errors import TestfieldError
 from testfield.targets.field import ScaleBar
 
 PAIRS = ((1, 2), (5, 6), (9, 10), (13, 14))
@@ -97,8 +98,11 @@ def test_a_bar_alone_against_places_names_both(truth) -> None:  # type: ignore[n
     assert found.scale_from == "distances"
 
 
-def test_places_of_a_mirror_image_are_not_used(truth) -> None:  # type: ignore[no-untyped-def]
+def test_places_of_a_mirror_image_are_refused_and_not_used_where_others_are_wrong_too(truth) -> None:  # type: ignore[no-untyped-def]
     known = {code: (xyz[[1, 0, 2]], u) for code, (xyz, u) in places(truth, range(1, 13)).items()}
+    with pytest.raises(TestfieldError, match="mirror image"):
+        with_places(truth, known)
+    known[1], known[2] = known[2], known[1]
     found = with_places(truth, known)
     assert said(found, "mirror image")
     assert found.scale_from == "nothing" and found.calibration.failures
