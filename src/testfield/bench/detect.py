@@ -15,8 +15,9 @@ import numpy as np
 from testfield.bench.centring import BEST, SEED, Task, measure
 from testfield.bench.dots import Case
 from testfield.chain.code import code_digest
-from testfield.chain.files import Ledger, digest
 from testfield.registry import module_of, names
+from testfield.store.digests import digest
+from testfield.store.ledger import Ledger
 
 FACTORS: dict[str, tuple[str, list[Any]]] = {
     "diameter": ("diameter_px", [4.0, 5.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0, 40.0]),

@@ -79,7 +79,7 @@ def write_certificate(certificate: dict[str, Any], folder: Path) -> None:
     """Write `certificate.json` and `certificate.html`."""
     from jinja2 import Environment, StrictUndefined
 
-    from testfield.chain.files import whole
+    from testfield.store.atomic import whole
 
     with whole(folder / "certificate.json") as path:
         path.write_text(json.dumps(certificate, indent=1))

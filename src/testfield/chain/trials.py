@@ -14,13 +14,13 @@ import numpy as np
 
 from testfield.calibrate.calibration import Calibration
 from testfield.chain.code import code_digest
-from testfield.chain.files import digest, file_digest
 from testfield.chain.run import Run
 from testfield.detect.observations import Observations
 from testfield.errors import TestfieldError
 from testfield.reconstruct.points import Points
 from testfield.registry import find, module_of
 from testfield.seeds import generator, seed_of
+from testfield.store.digests import digest, file_digest
 
 DEPTHS = ("rays", "calibration", "exposure")
 BLOCK = 10_000

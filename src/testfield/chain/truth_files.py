@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from testfield.chain.code import code_digest
-from testfield.chain.files import digest
 from testfield.chain.run import Run
 from testfield.scene.world import ROLES
+from testfield.store.digests import digest
 
 
 def write_truth(run: Run) -> None:

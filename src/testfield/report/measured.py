@@ -10,12 +10,12 @@ import cv2
 import numpy as np
 
 from testfield.calibrate.ties import point_name
-from testfield.chain.files import whole
 from testfield.chain.measure import Measurement
 from testfield.detect.observations import MEASURED
 from testfield.report import figures
 from testfield.report.pages import page
 from testfield.report.style import ACCENT, INK, WARM, figure, svg_of
+from testfield.store.atomic import whole
 from testfield.targets.field_file import FieldFile
 
 PICTURE_WIDTH = 1240

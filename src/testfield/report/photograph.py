@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 
 from testfield.camera.photograph import Photograph
-from testfield.chain.files import whole
 from testfield.detect.observations import MEASURED, Observations
 from testfield.detect.photograph import Found
+from testfield.store.atomic import whole
 
 FINE, REFUSED = (80, 220, 80), (60, 60, 255)
 """Blue, green, red."""

@@ -5,9 +5,9 @@ from typing import Any
 
 from markupsafe import Markup
 
-from testfield.chain.files import whole
 from testfield.report.pages import page
 from testfield.report.style import figure, svg_of
+from testfield.store.atomic import whole
 from testfield.study.run_cases import FAILURE
 from testfield.study.study import Findings, Plot, Study, Table
 

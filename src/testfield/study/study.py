@@ -8,9 +8,9 @@ from typing import Any
 
 import pandas as pd
 
-from testfield.chain.files import whole
 from testfield.errors import TestfieldError
 from testfield.score.scorecard import plain
+from testfield.store.atomic import whole
 from testfield.study.cases import Case
 from testfield.study.run_cases import FAILURE, finished, run_cases
 
