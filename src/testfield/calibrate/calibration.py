@@ -9,6 +9,7 @@ import numpy as np
 from testfield.camera.interior import Interior
 from testfield.camera.pose import Poses
 from testfield.errors import speaking
+from testfield.store.text import read_text, write_text
 
 ARRAYS = ("covariance", "residual_at_px", "residual_px", "point_code", "point_mm")
 
@@ -73,13 +74,13 @@ class Calibration:
             "boards": _poses_json(self.boards),
             **{key: getattr(self, key).tolist() for key in ARRAYS},
         }
-        path.write_text(json.dumps(data))
+        write_text(path, json.dumps(data))
 
     @staticmethod
     @speaking("calibration")
     def load(path: Path) -> "Calibration":
         """Read what `save` wrote."""
-        data = json.loads(path.read_text())
+        data = json.loads(read_text(path))
         data["interior"] = Interior.from_json(data["interior"])
         data["stations"], data["boards"] = (_poses(data[key]) for key in ("stations", "boards"))
         data |= {key: np.array(data[key]) for key in ARRAYS}

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from testfield.errors import TestfieldError
+from testfield.store.text import read_text, write_text
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,7 @@ class Frame:
         if not done:
             raise TestfieldError("the image could not be encoded as PNG", str(path))
         path.write_bytes(data.tobytes())
-        path.with_suffix(".json").write_text(json.dumps({"station": self.station, **asdict(self.sheet)}, indent=1))
+        write_text(path.with_suffix(".json"), json.dumps({"station": self.station, **asdict(self.sheet)}, indent=1))
 
     @staticmethod
     def load(path: Path) -> "Frame":
@@ -85,7 +86,7 @@ class Frame:
             )
         notes = path.with_suffix(".json")
         try:
-            sheet = json.loads(notes.read_text())
+            sheet = json.loads(read_text(notes))
             station, balance = sheet.pop("station"), tuple(sheet.pop("balance", (1.0,)))
             return Frame(station, pixels, SensorSheet(**sheet, balance=balance))
         except (ValueError, KeyError, TypeError) as error:

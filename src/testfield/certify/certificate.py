@@ -13,6 +13,7 @@ from testfield.certify.verdict import Verdict
 from testfield.chain.code import PACKAGES, code_digest, package_version
 from testfield.scene.build import build_world
 from testfield.scene.load import load_scene
+from testfield.store.text import read_text, write_text
 
 PARTS = ("geometry", "light", "lens", "focus", "sensor", "sameness")
 
@@ -82,11 +83,11 @@ def write_certificate(certificate: dict[str, Any], folder: Path) -> None:
     from testfield.store.atomic import whole
 
     with whole(folder / "certificate.json") as path:
-        path.write_text(json.dumps(certificate, indent=1))
+        write_text(path, json.dumps(certificate, indent=1))
     environment = Environment(undefined=StrictUndefined, autoescape=True, trim_blocks=True, lstrip_blocks=True)
-    template = Path(__file__).with_name("certificate.html").read_text()
+    template = read_text(Path(__file__).with_name("certificate.html"))
     with whole(folder / "certificate.html") as path:
-        path.write_text(environment.from_string(template).render(c=certificate))
+        write_text(path, environment.from_string(template).render(c=certificate))
 
 
 def floor_of(folder: Path) -> dict[str, Any] | None:
@@ -96,7 +97,7 @@ def floor_of(folder: Path) -> dict[str, Any] | None:
     """
     path = folder.parent / "certificate.json"
     try:
-        certificate = json.loads(path.read_text())
+        certificate = json.loads(read_text(path))
         figures = {f"{v['part']}: {v['name']}": v for v in certificate["verdicts"]}
         return {
             "made": certificate["made"],

@@ -27,6 +27,7 @@ from testfield.scene.world import World
 from testfield.store.atomic import sweep
 from testfield.store.digests import digest, file_digest
 from testfield.store.ledger import Ledger, inside
+from testfield.store.text import read_text
 from testfield.targets.field import Field
 
 
@@ -65,7 +66,7 @@ class Run:
 
     def measuring_notes(self) -> list[str]:
         """What the calibration left out or doubts, from the scorecard."""
-        card = json.loads(self.need("scorecard.json", "score").read_text())
+        card = json.loads(read_text(self.need("scorecard.json", "score")))
         return [f"{self.scene.name}: {note}" for note in card["calibration"]["notes"]]
 
     def need(self, name: str, maker: str) -> Path:

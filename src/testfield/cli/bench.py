@@ -5,6 +5,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from testfield.store.text import read_text
+
 
 def add(commands: Any) -> None:
     """Enter the command."""
@@ -220,4 +222,4 @@ def _text(scene: Path) -> str:
     from testfield.scene.load import load_scene
 
     load_scene(scene)  # speaks where the file is none
-    return scene.read_text(encoding="utf-8-sig")
+    return read_text(scene)

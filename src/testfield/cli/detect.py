@@ -5,6 +5,8 @@ import os
 from pathlib import Path
 from typing import Any
 
+from testfield.store.text import read_text
+
 
 def add(commands: Any) -> None:
     """Enter the command."""
@@ -101,7 +103,7 @@ def _photographs(args: argparse.Namespace) -> int:
         write_found(photographs, found, out)
         print(f"pictures and tables in {out}", file=say)
         if args.json:
-            print(json.dumps({"images": json.loads((out / "detection.json").read_text()), "unreadable": trouble}))
+            print(json.dumps({"images": json.loads(read_text(out / "detection.json")), "unreadable": trouble}))
     return 2 if trouble else 0
 
 

@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 
 from testfield.errors import TestfieldError
+from testfield.store.text import read_text
 
 
 def show_warnings(warnings: list[str]) -> None:
@@ -24,7 +25,7 @@ def show_result(folder: Path, as_json: bool) -> None:
     """The ten figures and where the report is, or the scorecard as one JSON object."""
     from testfield.score.scorecard import ten_figures
 
-    text = (folder / "scorecard.json").read_text()
+    text = read_text(folder / "scorecard.json")
     if as_json:
         print(text)
         return

@@ -5,6 +5,8 @@ import os
 from pathlib import Path
 from typing import Any
 
+from testfield.store.text import read_text
+
 
 def add(commands: Any) -> None:
     """Enter the command."""
@@ -34,7 +36,7 @@ def act(args: argparse.Namespace) -> int:
     with only_writer(folder):
         findings = run_study(study, folder, args.quick, jobs_of(args.jobs), args.so_far)
     if args.json:
-        print((folder / "findings.json").read_text())
+        print(read_text(folder / "findings.json"))
         return 0
     print(f"{study.title}\n\nclaim    {textwrap.fill(study.claim, 100, subsequent_indent=9 * ' ')}")
     print(f"verdict  {textwrap.fill(findings.verdict, 100, subsequent_indent=9 * ' ')}\n")

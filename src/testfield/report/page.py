@@ -20,11 +20,12 @@ from testfield.scene.world import World
 from testfield.score.detection import score_detection
 from testfield.score.points import score_points
 from testfield.score.scorecard import ten_figures
+from testfield.store.text import read_text, write_text
 
 
 def write_report(world: World, views: Views, scene: SceneFile, folder: Path, notes: dict[str, Any], path: Path) -> None:
     """Write the page of a run's folder."""
-    card = json.loads((folder / "scorecard.json").read_text())
+    card = json.loads(read_text(folder / "scorecard.json"))
     observations = Observations.load(folder / "observations.parquet")
     calibration = Calibration.load(folder / "calibration.json")
     found = score_detection(world, views, observations)
@@ -54,7 +55,7 @@ def write_report(world: World, views: Views, scene: SceneFile, folder: Path, not
         certificate=floor_of(folder),
         images=_making_rows(notes.get("images", {})),
     )
-    path.write_text(html)
+    write_text(path, html)
 
 
 def _making_rows(images: dict[str, dict]) -> list[str]:

@@ -13,6 +13,7 @@ from testfield.scene.world import World
 from testfield.score.camera import score_boards, score_camera
 from testfield.score.detection import score_detection
 from testfield.score.points import score_lengths, score_points
+from testfield.store.text import write_text
 
 TEN = (
     ("targets found of those expected", "detection.found_fraction", "{:.2%}"),
@@ -48,7 +49,7 @@ def scorecard(world: World, views: Views, observations: Path, calibration: Path,
 
 def write_scorecard(card: dict[str, Any], path: Path) -> None:
     """Write as JSON; a figure that does not exist is null."""
-    path.write_text(json.dumps(plain(card), indent=1, allow_nan=False))
+    write_text(path, json.dumps(plain(card), indent=1, allow_nan=False))
 
 
 def figure(card: dict[str, Any], key: str) -> Any:

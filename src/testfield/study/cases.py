@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from testfield.errors import TestfieldError
+from testfield.store.text import read_text
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,7 @@ class Case:
 def scene_table(path: Path) -> dict[str, Any]:
     """A scene file as a plain table."""
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        return tomllib.loads(read_text(path))
     except (OSError, tomllib.TOMLDecodeError) as error:
         raise TestfieldError(f"this scene cannot be read ({error})", str(path), "mend or restore the file") from error
 

@@ -28,6 +28,7 @@ from testfield.registry import own_modules
 from testfield.store.atomic import whole
 from testfield.store.digests import digest
 from testfield.store.pool import SPAWN, process_pool
+from testfield.store.text import write_text
 from testfield.study.cases import Case
 
 FAILURE = "failure"
@@ -116,7 +117,7 @@ def do_case(case: Case, folder: Path) -> list[dict[str, Any]]:
 def _run(case: Case, folder: Path) -> Run:
     place = folder / "runs" / str(run_name(case))
     with whole(place / "case.toml") as path:
-        path.write_text(tomli_w.dumps(case.scene or {}))
+        write_text(path, tomli_w.dumps(case.scene or {}))
     run, _ = begin(place / "case.toml", place, None, 1)
     return run
 

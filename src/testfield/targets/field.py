@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from testfield.errors import speaking
+from testfield.store.text import read_text, write_text
 from testfield.targets.board_pattern import BoardPattern
 from testfield.targets.marks import RADII, USUAL, Marks, RingRadii
 
@@ -131,13 +132,13 @@ class Field:
             **({"wands": [asdict(wand) for wand in self.wands]} if self.wands else {}),
             **({"measuring_lines": [asdict(line) for line in self.measuring_lines]} if self.measuring_lines else {}),
         }
-        path.write_text(json.dumps(sheet, indent=1))
+        write_text(path, json.dumps(sheet, indent=1))
 
     @staticmethod
     @speaking("field sheet")
     def load(path: Path) -> "Field":
         """Read what `save` wrote."""
-        sheet = json.loads(path.read_text())
+        sheet = json.loads(read_text(path))
         boards = tuple(
             NominalBoard(
                 b["name"],
