@@ -12,7 +12,7 @@ import pytest
 
 from testfield.chain.belongs import check_truth
 from testfield.chain.run import Run, begin, resume
-from testfield.chain.stages import STAGES, remarks, run_stage
+from testfield.chain.stages import STAGES, run_stage
 from testfield.errors import TestfieldError
 from testfield.score.scorecard import figure
 
@@ -202,8 +202,10 @@ def test_a_frame_of_another_size_is_refused(copy: Run, capsys: pytest.CaptureFix
     assert "1280 x 1024" in said
 
 
-def test_frames_of_ones_own_are_used_and_never_touched(copy: Run) -> None:
+def test_frames_of_ones_own_are_used_and_never_touched(copy: Run, capsys: pytest.CaptureFixture) -> None:
     import cv2
+
+    from testfield.cli.main import main
 
     folder = copy.folder / "frames"
     pixels = cv2.imread(str(folder / "station01.png"), cv2.IMREAD_UNCHANGED)
@@ -211,24 +213,13 @@ def test_frames_of_ones_own_are_used_and_never_touched(copy: Run) -> None:
     sheet = json.loads((folder / "station02.json").read_text())
     (folder / "station02.json").write_text(json.dumps(sheet | {"read_noise_e": 3.0}))
     mine = {path: path.read_bytes() for path in folder.iterdir()}
-    again, _ = begin(copy.folder / "scene.toml", copy.folder, None, 1)
-    assert "expose" not in made_again(again)
+    for command in (["run", str(copy.folder / "scene.toml"), "--out", str(copy.folder)], ["expose", str(copy.folder)]):
+        assert main(command) == 2
+        assert "station01.png" in capsys.readouterr().err
+    assert main(["detect", str(copy.folder)]) == 0
+    said = capsys.readouterr()
+    assert "done" in said.out and "station01.png" in said.err and "station02.json" in said.err
     assert {path: path.read_bytes() for path in folder.iterdir()} == mine
-    assert [name for name in again.stations if any(f"{name}." in said for said in remarks(again))] == [
-        "station01", "station02",
-    ]  # fmt: skip
-
-
-def test_a_frame_of_ones_own_without_its_sheet_is_refused(copy: Run) -> None:
-    import cv2
-
-    path = copy.folder / "frames/station01.png"
-    cv2.imwrite(str(path), cv2.imread(str(path), cv2.IMREAD_UNCHANGED) + 1)
-    path.with_suffix(".json").unlink()
-    mine = path.read_bytes()
-    with pytest.raises(TestfieldError, match=r"station01\.png"):
-        run_stage(copy, "expose")
-    assert path.read_bytes() == mine
 
 
 def test_a_result_that_somebody_changed_is_refused_and_not_touched(copy: Run) -> None:

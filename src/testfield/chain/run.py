@@ -27,7 +27,7 @@ from testfield.scene.world import World
 from testfield.store.atomic import sweep
 from testfield.store.digests import digest, file_digest
 from testfield.store.ledger import Ledger, inside
-from testfield.store.text import read_text
+from testfield.store.text import decoded, read_text
 from testfield.targets.field import Field
 
 
@@ -92,11 +92,9 @@ def checked(scene_path: Path, out: Path | None, seed: int | None, jobs: int) -> 
     """A run whose scene has passed every check, the bytes of its scene file, and the scene's warnings."""
     load_scene(scene_path)
     content = scene_path.read_bytes()
-    text = content.decode("utf-8-sig")
     if seed is not None:
-        text = with_seed(text, seed)
-        content = text.encode()
-    scene = parse_scene(text, str(scene_path), scene_path.parent)
+        content = with_seed(decoded(content), seed).encode()
+    scene = parse_scene(content, str(scene_path), scene_path.parent)
     folder = out or Path("renders") / scene.name
     run = Run(folder, scene, str(scene_path), Ledger(folder), jobs)
     check_algorithms(scene, str(scene_path))

@@ -86,19 +86,18 @@ def render(run: Run) -> Made:
 
 
 def expose(run: Run) -> Made:
-    """A digital frame of every station, except where somebody has put one of their own."""
+    """A digital frame of every station. Raises `TestfieldError` where somebody has put one of their own."""
     from testfield.scene.exposure import sensor_of
 
     scene = run.scene
     sensor = sensor_of(scene)
     code = code_digest("testfield.sensor.expose")
-    own, work = frames_of_others(run), []
+    refuse_frames_of_others(run)
+    work = []
     for name in run.stations:
         source = run.need(f"radiance/{name}.exr", "render")
         key = digest(code, file_digest(source), sensor, scene.seed, name)
         pair = frame_names(name)
-        if name in own:
-            continue
         rendered = world_of(run, [f"radiance/{name}.exr"])
         world = exposed_world(scene, rendered) if rendered else ""
         if all(run.ledger.fresh(file, key) for file in pair):
@@ -117,21 +116,17 @@ def frame_names(station: str) -> tuple[str, str]:
 
 
 def frames_of_others(run: Run) -> list[str]:
-    """Stations whose image, or its sheet, is sound and was not made by this run.
+    """Images and sensor sheets in frames/ that are sound and were not made by this run."""
+    return [file for name in run.stations for file in frame_names(name) if run.ledger.foreign(file)]
 
-    Raises `TestfieldError` where such an image has no sheet.
-    """
-    own = []
-    for name in run.stations:
-        image, sheet = frame_names(name)
-        if run.ledger.foreign(image) and not (run.folder / sheet).is_file():
-            raise TestfieldError(
-                "this frame was not made by the run and has no sensor sheet", str(run.folder / image),
-                f"write {sheet} in the form that a finished run shows, or move the frame away",
-            )  # fmt: skip
-        if run.ledger.foreign(image) or (run.ledger.foreign(sheet) and (run.folder / image).is_file()):
-            own.append(name)
-    return own
+
+def refuse_frames_of_others(run: Run) -> None:
+    """Raise `TestfieldError` where a frame of somebody's own lies in the place of one that would be made."""
+    for file in frames_of_others(run):
+        raise TestfieldError(
+            "this file was not made by the run, or was changed since", str(run.folder / file),
+            f"`testfield detect {run.folder}` and the stages after it use it; for a rendered one move it away",
+        )  # fmt: skip
 
 
 def _expose_one(work: tuple) -> tuple[dict[str, Path], str, str]:
@@ -296,7 +291,7 @@ def run_stage(run: Run, name: str) -> bool:
 
 def remarks(run: Run) -> list[str]:
     """What a reader of a run's results should know of its files, one sentence each."""
-    own = [f"frames/{name}.png was not made by this run and is used as it is" for name in frames_of_others(run)]
+    own = [f"{file} was not made by this run and is used as it is" for file in frames_of_others(run)]
     return own + stale_inputs(run)
 
 

@@ -26,7 +26,7 @@ def add(commands: Any) -> None:
 def act(args: argparse.Namespace) -> int:
     """Run the chain; stages whose inputs have not changed are not repeated."""
     from testfield.chain.run import checked, lay_out
-    from testfield.chain.stages import STAGES, remarks, run_stage
+    from testfield.chain.stages import STAGES, refuse_frames_of_others, run_stage
     from testfield.cli.show import jobs_of, show_result, show_warnings
     from testfield.errors import TestfieldError
     from testfield.store.lock import only_writer
@@ -37,9 +37,9 @@ def act(args: argparse.Namespace) -> int:
     with only_writer(run.folder):
         lay_out(run, content, warnings)
         show_warnings(warnings)
+        refuse_frames_of_others(run)  # before anything is rendered in vain
         for name in STAGES:
             run_stage(run, name)
-        show_warnings(remarks(run))
     show_warnings(run.measuring_notes())
     show_result(run.folder, args.json)
     return 0

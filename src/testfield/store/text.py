@@ -10,6 +10,11 @@ def read_text(path: Path) -> str:
     return path.read_text(encoding="utf-8-sig")  # editors on Windows begin files with a byte-order mark
 
 
+def decoded(content: bytes) -> str:
+    """A file's bytes as text, with the ends of lines of any system. Raises as `read_text` does."""
+    return content.decode("utf-8-sig").replace("\r\n", "\n")
+
+
 def write_text(path: Path, text: str) -> None:
     """Write a text. File names may hold bytes that are no text; they are written as escapes."""
     path.write_text(text, encoding="utf-8", errors="backslashreplace", newline="\n")
