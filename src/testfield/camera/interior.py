@@ -5,7 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from testfield.camera.lens import MODELS, LensModel
+from testfield.store.sheets import array
 
+LARGEST_PX = 100_000
 PINHOLE = ("fx", "fy", "cx", "cy")
 """The four parameters in px that every model begins with."""
 
@@ -73,10 +75,16 @@ class Interior:
 
     @staticmethod
     def from_json(data: dict) -> "Interior":
-        """Inverse of `to_json`."""
-        parameters = np.array([data[name] for name in parameter_names(data["model"])])
-        field = np.array(data["residual_px"]) if "residual_px" in data else None
-        return Interior(data["width_px"], data["height_px"], parameters, data["model"], field)
+        """Inverse of `to_json`. Raises `ValueError` or `KeyError` where the table is no camera."""
+        if data["model"] not in MODELS:
+            raise ValueError(f"the lens model '{data['model']}' is none of {', '.join(MODELS)}")
+        names = parameter_names(data["model"])
+        parameters = array([data[name] for name in names], "interior", len(names))
+        size = array([data["width_px"], data["height_px"]], "interior, width_px and height_px", 2, kind=int)
+        if size.min() < 1 or size.max() > LARGEST_PX or min(parameters[:2]) <= 0:
+            raise ValueError("interior: sizes and focal lengths are above zero")
+        field = array(data["residual_px"], "interior, residual_px", 2, None, None) if "residual_px" in data else None
+        return Interior(int(size[0]), int(size[1]), parameters, data["model"], field)
 
 
 def parameter_names(model: str) -> tuple[str, ...]:

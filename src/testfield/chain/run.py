@@ -1,6 +1,5 @@
 """A run: its folder, its scene, its truth, and what the stages need to know of it."""
 
-import json
 import platform
 import shutil
 import sys
@@ -24,10 +23,11 @@ from testfield.scene.load import load_scene, parse_scene
 from testfield.scene.schema import MapPart, SceneFile
 from testfield.scene.truth import Views, see
 from testfield.scene.world import World
+from testfield.score.scorecard import load_scorecard
 from testfield.store.atomic import sweep
 from testfield.store.digests import digest, file_digest
 from testfield.store.ledger import Ledger, inside
-from testfield.store.text import decoded, read_text
+from testfield.store.text import decoded
 from testfield.targets.field import Field
 
 
@@ -66,7 +66,7 @@ class Run:
 
     def measuring_notes(self) -> list[str]:
         """What the calibration left out or doubts, from the scorecard."""
-        card = json.loads(read_text(self.need("scorecard.json", "score")))
+        card = load_scorecard(self.need("scorecard.json", "score"))
         return [f"{self.scene.name}: {note}" for note in card["calibration"]["notes"]]
 
     def need(self, name: str, maker: str) -> Path:

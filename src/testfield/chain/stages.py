@@ -92,6 +92,7 @@ def expose(run: Run) -> Made:
     scene = run.scene
     sensor = sensor_of(scene)
     code = code_digest("testfield.sensor.expose")
+    size = (scene.camera.height_px, scene.camera.width_px)
     refuse_frames_of_others(run)
     work = []
     for name in run.stations:
@@ -104,7 +105,7 @@ def expose(run: Run) -> Made:
             for file in pair:
                 run.ledger.shows(file, world)
         else:
-            work.append((source, run.folder / pair[0], sensor, scene.seed, pair, key, world))
+            work.append((source, run.folder / pair[0], size, sensor, scene.seed, pair, key, world))
     for parts, key, world in _each(run, "expose", _expose_one, work, "frames"):
         run.ledger.place(parts, key, world=world)
     return len(work), len(run.stations)
@@ -135,10 +136,16 @@ def _expose_one(work: tuple) -> tuple[dict[str, Path], str, str]:
     from testfield.camera.images import Radiance
     from testfield.store.atomic import part_path
 
-    source, target, sensor, seed, (image, sheet), key, world = work
+    source, target, size, sensor, seed, (image, sheet), key, world = work
     part = part_path(target)
     part.parent.mkdir(parents=True, exist_ok=True)
-    sensor_room.expose(Radiance.load(source), sensor, seed).save(part)
+    radiance = Radiance.load(source)
+    if (radiance.station, radiance.values.shape) != (source.stem, size):
+        raise TestfieldError(
+            f"an image of '{radiance.station}' of {radiance.values.shape[1]} x {radiance.values.shape[0]} px, and "
+            f"'{source.stem}' of {size[1]} x {size[0]} px is wanted", str(source), "render again",
+        )  # fmt: skip
+    sensor_room.expose(radiance, sensor, seed).save(part)
     return {image: part, sheet: part.with_suffix(".json")}, key, world
 
 
@@ -159,7 +166,7 @@ def detect(run: Run) -> Made:
         run.ledger.shows("observations.parquet", world)
         return 0, 1
     size = (camera.width_px, camera.height_px)
-    work = [(source, run.field, *settings, size) for source in sources]
+    work = [(source, name, run.field, *settings, size) for source, name in zip(sources, run.stations, strict=True)]
     parts = list(_each(run, "detect", _detect_one, work, "frames"))
     observations = Observations.join(parts, run.stations)
     return int(run.ledger.make("observations.parquet", key, observations.save, world=world)), 1
@@ -169,8 +176,8 @@ def _detect_one(work: tuple) -> Any:
     from testfield.camera.images import Frame
     from testfield.detect.detect import detect as detect_frame
 
-    source, field, centroid, smallest, (width, height) = work
-    frame = Frame.load(source)
+    source, name, field, centroid, smallest, (width, height) = work
+    frame = Frame.load(source, name)
     if frame.pixels_dn.shape != (height, width):
         found = f"{frame.pixels_dn.shape[1]} x {frame.pixels_dn.shape[0]}"
         raise TestfieldError(

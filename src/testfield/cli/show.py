@@ -5,7 +5,6 @@ import sys
 from pathlib import Path
 
 from testfield.errors import TestfieldError
-from testfield.store.text import read_text
 
 
 def show_warnings(warnings: list[str]) -> None:
@@ -23,13 +22,13 @@ def jobs_of(asked: int) -> int:
 
 def show_result(folder: Path, as_json: bool) -> None:
     """The ten figures and where the report is, or the scorecard as one JSON object."""
-    from testfield.score.scorecard import ten_figures
+    from testfield.score.scorecard import load_scorecard, ten_figures
 
-    text = read_text(folder / "scorecard.json")
+    card = load_scorecard(folder / "scorecard.json")
     if as_json:
-        print(text)
+        print(json.dumps(card, indent=1, allow_nan=False))
         return
-    rows = ten_figures(json.loads(text))
+    rows = ten_figures(card)
     width = max(len(title) for title, _ in rows)
     print()
     for title, value in rows:
