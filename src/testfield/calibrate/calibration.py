@@ -1,7 +1,7 @@
 """The result of a calibration: the camera, its stations, the boards, and how well all of them are known."""
 
 import json
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -99,6 +99,8 @@ class Calibration:
         data = read_json(path)
         arrays = {key: data.pop(key) for key in ARRAYS}
         file = checked(_File, data)
+        if unknown := set(data) - {f.name for f in fields(Calibration)}:
+            raise ValueError(f"{min(unknown)}: no such part")
         P, points = len(file.labels), len(arrays["point_code"])
         residuals = len(arrays["residual_px"])
         plain = file.model_dump(exclude={"interior", "stations", "boards"})
@@ -159,7 +161,7 @@ class _Test(OpenSheet):
     detectable_px: float
 
 
-class _File(Sheet):
+class _File(OpenSheet):
     method: str
     interior: dict[str, Any]
     station_names: tuple[str, ...]

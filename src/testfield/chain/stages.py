@@ -16,6 +16,7 @@ from testfield.registry import module_of
 from testfield.seeds import seed_of
 from testfield.store.digests import digest, file_digest
 from testfield.store.pool import process_pool
+from testfield.store.threads import one_blas_thread
 
 Made = tuple[int, int]
 """How many of a stage's items were made, and how many there are."""
@@ -288,7 +289,8 @@ def run_stage(run: Run, name: str) -> bool:
     that of the part in proportion.
     """
     start = time.perf_counter()
-    made, whole = STAGES[name](run)
+    with one_blas_thread():
+        made, whole = STAGES[name](run)
     seconds = time.perf_counter() - start
     times = run.ledger.notes.get("time_s", {})
     if made == whole or (made and name not in times):

@@ -21,6 +21,7 @@ from testfield.reconstruct.points import Points
 from testfield.registry import find, module_of
 from testfield.seeds import generator, seed_of
 from testfield.store.digests import digest, file_digest
+from testfield.store.threads import one_blas_thread
 
 DEPTHS = ("rays", "calibration", "exposure")
 BLOCK = 10_000
@@ -103,7 +104,8 @@ class Trials:
         return self._kept(f"uncertainty/{self.depth}/{number:04d}.npy", write)
 
     def _kept(self, name: str, write: Callable[[Path], None]) -> np.ndarray:
-        self.run.ledger.make(name, self.key, write)
+        with one_blas_thread():
+            self.run.ledger.make(name, self.key, write)
         return self.points.xyz_mm + np.load(self.run.folder / name)
 
     def _again(self, number: int) -> Points:

@@ -27,10 +27,11 @@ def act(args: argparse.Namespace) -> int:
     """
     from testfield.chain.run import scene_of
     from testfield.store.lock import only_writer
+    from testfield.store.threads import one_blas_thread
 
     asked = _limit(args)
     scene_of(args.run)
-    with only_writer(args.run):
+    with only_writer(args.run), one_blas_thread():
         return _judge(args, asked)
 
 

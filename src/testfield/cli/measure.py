@@ -29,8 +29,9 @@ def add(commands: Any) -> None:
 def act(args: argparse.Namespace) -> int:
     """Detect, calibrate, write."""
     from testfield.store.lock import only_writer
+    from testfield.store.threads import one_blas_thread
 
-    with only_writer(args.out or Path("renders/measure")):
+    with only_writer(args.out or Path("renders/measure")), one_blas_thread():
         return _measure(args)
 
 

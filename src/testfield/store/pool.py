@@ -37,7 +37,12 @@ def process_pool(
     Work that has not begun is dropped when the block ends in an exception. Raises `TestfieldError` where a worker was
     ended from outside.
     """
-    pool = ProcessPoolExecutor(jobs, SPAWN, initializer=_begin, initargs=(begin, arguments))
+    with _environment():
+        pool = ProcessPoolExecutor(jobs, SPAWN, initializer=_begin, initargs=(begin, arguments))
+        yield from _until_done(pool)
+
+
+def _until_done(pool: ProcessPoolExecutor) -> Iterator[ProcessPoolExecutor]:
     try:
         yield pool
     except BaseException as error:
@@ -49,6 +54,22 @@ def process_pool(
             ) from error  # fmt: skip
         raise
     pool.shutdown()
+
+
+@contextmanager
+def _environment() -> Iterator[None]:
+    """Workers have one thread each: together they fill the cores, and sums do not depend on the number of threads."""
+    wanted = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": os.environ.get("OMP_NUM_THREADS", "1")}
+    before = {name: os.environ.get(name) for name in wanted}
+    os.environ.update(wanted)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
 
 
 def _begin(begin: Callable[..., None] | None, arguments: tuple[Any, ...]) -> None:

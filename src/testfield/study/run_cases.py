@@ -175,24 +175,16 @@ def _done(
 @contextmanager
 def local_pool(jobs: int) -> Iterator[Pool]:
     """Processes on this machine, one thread each; an interrupt is the parent's to handle: they finish their cases."""
-    before = {name: os.environ.get(name) for name in THREADS}
-    os.environ.update({name: "1" for name in THREADS if name not in os.environ})
     end = SPAWN.Event()
-    try:
-        with process_pool(jobs, _start, (end,)) as pool:
-            try:
-                yield pool
-            except BaseException:
-                end.set()
-                raise
-    finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
+    with process_pool(jobs, _start, (end,)) as pool:
+        try:
+            yield pool
+        except BaseException:
+            end.set()
+            raise
 
 
 LOOK_S = 0.3
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
 
 _end: Event | None = None
