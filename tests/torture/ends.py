@@ -1,5 +1,6 @@
 """End a run at random moments, or run it twice at once, and ask for the same bytes afterwards."""
 
+import contextlib
 import hashlib
 import json
 import os
@@ -75,17 +76,13 @@ def _end(way: str, after_s: float, rng: random.Random, words: list[str]) -> list
         words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True, preexec_fn=quota
     )
     if way != "quota":
-        try:
+        with contextlib.suppress(subprocess.TimeoutExpired):
             process.wait(after_s)
-        except subprocess.TimeoutExpired:
-            pass
         others = [pid for pid in session(process.pid) if pid != process.pid]
         target = process.pid if way != "a worker" else rng.choice(others) if others else 0
         if target:
-            try:
+            with contextlib.suppress(ProcessLookupError):  # it may have finished
                 os.kill(target, signal.SIGTERM if way == "SIGTERM" else signal.SIGKILL)
-            except ProcessLookupError:
-                pass  # it had finished
     said = process.communicate()[1]
     wrong = []
     if way in ("quota", "a worker") and (process.returncode not in (0, 2) or "Traceback" in said):
