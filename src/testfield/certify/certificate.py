@@ -11,6 +11,7 @@ from typing import Any
 from testfield import __version__
 from testfield.certify.verdict import Verdict
 from testfield.chain.code import PACKAGES, code_digest, package_version
+from testfield.errors import DAMAGE
 from testfield.scene.build import build_world
 from testfield.scene.load import load_scene
 from testfield.store.text import read_text, write_text
@@ -98,7 +99,10 @@ def floor_of(folder: Path) -> dict[str, Any] | None:
     path = folder.parent / "certificate.json"
     try:
         certificate = json.loads(read_text(path))
-        figures = {f"{v['part']}: {v['name']}": v for v in certificate["verdicts"]}
+        figures = {
+            f"{v['part']}: {v['name']}": {k: float(v[k]) for k in ("measured", "limit")} | {"unit": str(v["unit"])}
+            for v in certificate["verdicts"]
+        }
         return {
             "made": certificate["made"],
             "passed": certificate["passed"],
@@ -106,9 +110,9 @@ def floor_of(folder: Path) -> dict[str, Any] | None:
             "valid": certificate["code"] == renderer_digest(),
             "figures": figures,
             "centre_floor_px": max(
-                (v["measured"] for v in certificate["verdicts"] if v["unit"] == "px" and "rms" in v["name"]),
+                (v["measured"] for name, v in figures.items() if v["unit"] == "px" and "rms" in name),
                 default=None,
             ),
         }
-    except (OSError, ValueError, KeyError, TypeError):
+    except DAMAGE:
         return None
