@@ -94,7 +94,7 @@ def unique(names: Any, what: str) -> None:
         raise ValueError(f"{what} '{twice}' occurs twice")
 
 
-def read_columns(path: Path, kinds: Mapping[str, str]) -> tuple[dict[str, np.ndarray], dict[str, str]]:
+def read_columns(path: Path, kinds: Mapping[str, str]) -> tuple[dict[str, Any], dict[str, str]]:
     """Columns of a Parquet file by name, and its notes. `kinds` of NumPy: "f" finite numbers, "n" numbers that may be
     NaN, "i" whole numbers, "O" lists of numbers. There may be more columns, but no nulls in these."""
     import pyarrow.parquet as pq
@@ -104,7 +104,7 @@ def read_columns(path: Path, kinds: Mapping[str, str]) -> tuple[dict[str, np.nda
     version = notes.get("format", str(FORMAT))
     if version not in [str(k) for k in range(1, FORMAT + 1)]:
         raise ValueError(f"format {version!r} is not known, only {FORMAT}")
-    columns = {}
+    columns: dict[str, Any] = {}
     for name, kind in kinds.items():
         if table.column_names.count(name) != 1:
             raise ValueError(f"there is no column '{name}', or more than one")
@@ -113,7 +113,7 @@ def read_columns(path: Path, kinds: Mapping[str, str]) -> tuple[dict[str, np.nda
             raise ValueError(f"column '{name}' has nulls")
         values = column.to_numpy(zero_copy_only=False)
         if kind == "O":
-            columns[name] = np.array([np.asarray(row, float) for row in values], dtype=object)
+            columns[name] = [np.asarray(row, float) for row in values]
         elif kind == "n":
             columns[name] = values.astype(float)
         else:
