@@ -42,10 +42,12 @@ def act(args: argparse.Namespace) -> int:
     from testfield.chain.run import resume, scene_of
     from testfield.chain.stages import remarks, run_stage
     from testfield.cli.show import jobs_of, show_result, show_warnings
+    from testfield.store.atomic import sweep
     from testfield.store.lock import only_writer
 
     scene_of(args.run)
     with only_writer(args.run):
+        sweep(args.run)
         run = resume(args.run, jobs_of(args.jobs))
         made = run_stage(run, args.stage)
         show_warnings(remarks(run))
