@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from testfield.camera.plane_image import PlaneImage, RoughLens
 from testfield.detect.alike import unlike_neighbours
-from testfield.detect.identify import local_maps
 
 HOMOGRAPHY = np.array([[0.31, 0.04, 400.0], [-0.05, 0.27, 300.0], [1e-4, 6e-5, 1.0]])
 DIAMETER_MM = np.full(80, 24.0)
@@ -14,7 +14,7 @@ def _board(bow: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.nda
     x, y = np.meshgrid(75.0 * np.arange(10), 75.0 * np.arange(8))
     xy_mm = np.column_stack([x.ravel(), y.ravel()])
     mapped = np.column_stack([xy_mm, np.ones(80)]) @ HOMOGRAPHY.T
-    J = local_maps(HOMOGRAPHY, xy_mm) * (1 + bow * xy_mm[:, :1, None] / 675)
+    J = PlaneImage(HOMOGRAPHY, RoughLens.pinhole(np.zeros(2), 1.0)).maps(xy_mm) * (1 + bow * xy_mm[:, :1, None] / 675)
     moments = (DIAMETER_MM**2 / 16)[:, None, None] * J @ np.swapaxes(J, 1, 2)
     return xy_mm, mapped[:, :2] / mapped[:, 2:], moments, np.tile(1e-5 * np.eye(2), (80, 1, 1))
 

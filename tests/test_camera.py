@@ -39,6 +39,59 @@ def test_projection_and_its_inverse_agree_to_1e_9_px_over_the_image(name: str) -
     assert np.abs(project_camera(camera, 4000 * directions(camera, grid)) - grid).max() < 1e-9
 
 
+BEYOND = {
+    "stereographic": [0.083333, 0.008333, 0.000843, 0.0000854],
+    "equidistant": [0.0, 0, 0, 0],
+    "equisolid": [-1 / 24, 1 / 1920, -1 / 322560, 0],
+    "flattening": [-0.03, -0.002, 0, 0],
+}
+
+
+@pytest.mark.parametrize("name", BEYOND)
+def test_a_fisheye_is_inverted_to_its_last_valid_angle(name: str) -> None:
+    camera = Interior(4000, 4000, np.array([700, 702, 1990, 2003, *BEYOND[name]]), "fisheye")
+    last = camera.lens.last_angle(camera.parameters[4:])
+    angle, turn = np.meshgrid(np.linspace(0, min(0.9999 * last, np.radians(175)), 200), np.linspace(0, 6, 9))
+    rays = np.stack([np.sin(angle) * np.cos(turn), np.sin(angle) * np.sin(turn), np.cos(angle)], axis=-1)
+    uv = project_camera(camera, 700 * rays)
+    back = directions(camera, uv)
+    assert np.nanmax(angle) > np.radians(100)
+    assert np.abs(project_camera(camera, back) - uv).max() < 1e-9
+    steep = angle < 0.99 * last
+    assert np.abs(back / np.linalg.norm(back, axis=-1, keepdims=True) - rays)[steep].max() < 1e-12
+    if last < 3:
+        edge = camera.parameters[:4] @ [[0, 0], [0, 0], [1, 0], [0, 1]] + [
+            camera.fx * camera.lens.radial(last, camera.parameters[4:])[0] + 0.01, 0
+        ]  # fmt: skip
+        assert np.isnan(directions(camera, edge)).all()
+        beyond = [np.sin(1.01 * last), 0, np.cos(1.01 * last)]
+        assert np.isnan(project_camera(camera, np.array([beyond]))).all()
+
+
+def test_derivatives_of_a_fisheye_agree_with_differences_beyond_90_degrees() -> None:
+    camera = Interior(4000, 4000, np.array([700, 702, 1990, 2003, 0.02, -0.001, 0, 0]), "fisheye")
+    points = np.array([[500.0, 100, -80], [-400, 300, 10], [3, 900, -400]])
+    poses = Poses.identity(3)
+    _, jacobian = project_with_jacobian(camera, poses, points)
+    for k in range(3):
+        step = 1e-3 * np.eye(3)[k]
+        numeric = (project(camera, poses, points + step) - project(camera, poses, points - step)) / 2e-3
+        assert np.allclose(numeric, jacobian.camera_point[:, :, k], rtol=1e-6, atol=1e-8)
+    for k, value in enumerate(camera.parameters):
+        step = np.eye(8)[k] * 1e-6 * max(1.0, abs(value))
+        up, down = (project(camera.with_parameters(camera.parameters + s * step), poses, points) for s in (1, -1))
+        assert np.allclose((up - down) / (2 * step[k]), jacobian.interior[:, :, k], rtol=1e-5, atol=1e-5)
+
+
+def test_a_strong_radial_lens_is_inverted_up_to_its_fold() -> None:
+    for model, coefficients in (("brown", [-0.5, 0, 0, 0, 0]), ("rational", [0] * 5 + [1.9, 0.4, 0, 0, 0, 0, 0])):
+        camera = Interior(4000, 4000, np.array([1000, 1000, 2000, 2000, *coefficients]), model)
+        reach = min(camera.lens.reach(camera.parameters[4:]), 40.0)
+        points = np.column_stack([np.linspace(0, 0.9999 * reach, 300), np.zeros(300), np.ones(300)])
+        uv = project_camera(camera, points)
+        assert np.abs(project_camera(camera, directions(camera, uv)) - uv).max() < 1e-9
+
+
 @pytest.mark.parametrize("name", ["rational", "fisheye"])
 def test_opencv_agrees_on_the_other_models(name: str) -> None:
     import cv2

@@ -77,6 +77,19 @@ def test_dots_without_a_code_are_named_by_their_rays_and_join_the_network() -> N
     assert 0.75 < nees < 1.3  # 174 degrees of freedom
 
 
+def test_a_check_distance_that_misses_fails_the_measurement() -> None:
+    truth = scene(points=60)
+    whole, found = observations_of(coded=60)
+    lengths = [float(np.linalg.norm(truth.point_mm[a] - truth.point_mm[a + 1])) for a in (0, 4)]
+    parts = [
+        {"name": "bar", "codes": [1, 2], "length_mm": lengths[0], "u_mm": 0.02},
+        {"name": "check", "codes": [5, 6], "length_mm": lengths[1] + 1.0, "u_mm": 0.02, "role": "check"},
+    ]
+    result = measure(whole.stations, found, (4096, 3000), field(distances=parts), parse_target("ring14"))
+    assert any("'check'" in failure for failure in result.calibration.failures)
+    assert not result.calibration.test["passed"] and not result.calibration.rejected
+
+
 def replace_codes(points: Points, owner: np.ndarray) -> Points:
     return replace(points, code=1 + owner)
 

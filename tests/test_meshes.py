@@ -19,6 +19,7 @@ from testfield.render.irradiance import Irradiance, compute_irradiance
 from testfield.render.mesh_light import _interpolation_error, node_weights
 from testfield.render.path import render_path
 from testfield.render.stage import build_stage
+from testfield.scene.bodies import facing_outwards
 from testfield.scene.build import build_world
 from testfield.scene.load import load_scene, parse_scene
 from testfield.scene.meshes import inside, turned
@@ -125,7 +126,7 @@ def test_every_format_gives_the_same_world(tmp_path: Path) -> None:
     found = []
     for suffix in FORMATS:
         lump().export(tmp_path / f"lump.{suffix}")
-        scene = load_scene(with_mesh(tmp_path, f"lump.{suffix}", rotation_deg="[10, 20, 30]"))
+        scene = load_scene(with_mesh(tmp_path, f"lump.{suffix}", rotation_deg="[10, 20, 30]", unit='"mm"'))
         found.append(build_world(scene).meshes[0])
     for mesh in found:
         assert mesh.closed
@@ -159,6 +160,66 @@ def test_a_mesh_inside_out_is_turned_and_an_open_one_is_seen_from_both_sides(tmp
         world = board_world((replace(sheet, faces=faces),))
         image = render_fast(build_stage(world), Irradiance.even(1, np.pi, world.meshes), 0, 2).values
         assert image[128, 160] == pytest.approx(0.5, rel=1e-5)
+
+
+def test_a_glb_without_a_unit_is_in_metres_and_others_in_mm(tmp_path: Path) -> None:
+    metres, mm = lump(), lump()
+    metres.apply_scale(1e-3)
+    metres.export(tmp_path / "lump.glb")
+    mm.export(tmp_path / "lump.stl")
+    found = [build_world(load_scene(with_mesh(tmp_path, f"lump.{suffix}"))).meshes[0] for suffix in ("glb", "stl")]
+    assert np.allclose(found[0].vertices_mm, found[1].vertices_mm, atol=1e-4)
+
+
+def bodies(*shapes: trimesh.Trimesh) -> tuple[np.ndarray, np.ndarray, bool]:
+    """Signed volumes of all bodies after they were turned, one by one; the faces' middles; whether all are closed."""
+    joined = trimesh.util.concatenate(shapes)
+    vertices, number = np.unique(joined.vertices.round(9), axis=0, return_inverse=True)
+    faces, closed = facing_outwards(vertices, number.reshape(-1)[joined.faces])
+    part = np.repeat(np.arange(len(shapes)), [len(shape.faces) for shape in shapes])
+    a, b, c = np.moveaxis(vertices[faces], 1, 0)
+    return np.bincount(part, weights=np.einsum("ni,ni->n", a, np.cross(b, c)) / 6), part, closed
+
+
+def box(at: tuple, size: float, inverted: bool = False) -> trimesh.Trimesh:
+    shape = trimesh.creation.box([size] * 3)
+    shape.apply_translation(at)
+    if inverted:
+        shape.invert()
+    return shape
+
+
+@pytest.mark.parametrize("inverted", [(False, True), (True, False), (True, True), (False, False)])
+def test_every_body_faces_outwards_however_it_was_wound(inverted: tuple) -> None:
+    volume, _, closed = bodies(box((0, 0, 0), 10, inverted[0]), box((500, 3, 0), 20, inverted[1]))
+    assert closed
+    assert volume == pytest.approx([1000, 8000])
+    # Bodies that touch along an edge, or of which one is wound at random.
+    volume, _, closed = bodies(box((0, 0, 0), 10, inverted[0]), box((10, 10, 0), 10, inverted[1]))
+    assert closed
+    assert volume == pytest.approx([1000, 1000])
+    mixed = box((0, 0, 0), 10)
+    mixed.faces[3:7] = mixed.faces[3:7, ::-1]
+    volume, _, closed = bodies(mixed, box((50, 0, 0), 10, inverted[1]))
+    assert closed
+    assert volume == pytest.approx([1000, 1000])
+
+
+@pytest.mark.parametrize("inverted", [True, False])
+def test_a_body_within_another_is_a_cavity_and_one_within_that_is_solid(inverted: bool) -> None:
+    volume, _, closed = bodies(box((0, 0, 0), 30, inverted), box((1, 0, 0), 20, inverted), box((2, 0, 0), 10, inverted))
+    assert closed
+    assert volume == pytest.approx([27000, -8000, 1000])
+    volume, _, _ = bodies(box((0, 0, 0), 30), box((10, 0, 0), 20, inverted))  # they cross: no cavity
+    assert volume == pytest.approx([27000, 8000])
+
+
+def test_one_open_body_leaves_the_others_outwards() -> None:
+    open_box = box((100, 0, 0), 10)
+    open_box.faces = open_box.faces[:-1]
+    volume, _, closed = bodies(box((0, 0, 0), 10, True), open_box)
+    assert not closed
+    assert volume[0] == pytest.approx(1000)
 
 
 def test_points_inside_a_closed_mesh_are_known() -> None:

@@ -17,8 +17,9 @@ from testfield.chain.run import Run, begin
 from testfield.chain.stages import STAGES, run_stage
 from testfield.detect.corner_model import fit_corners, offsets_px
 from testfield.detect.detect import detect
+from testfield.detect.eight_bits import eight_bits
 from testfield.detect.observations import MEASURED, Observations
-from testfield.detect.opencv_boards import detect_board, eight_bits
+from testfield.detect.opencv_boards import detect_board
 from testfield.detect.photograph import detect_in_photograph
 from testfield.detect.target_spec import parse_target
 from testfield.errors import TestfieldError

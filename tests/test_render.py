@@ -50,7 +50,15 @@ def test_centres_of_evenly_lit_dots_are_true_to_0_0002_px_through_every_lens(len
     scene = load_scene(QUICK)
     none = dict.fromkeys(("k1", "k2", "k3", "p1", "p2"), 0.0)
     camera = scene.camera.model_copy(update=none | LENSES[lens] | {"lens": lens.split()[0]})
-    world = build_world(scene.model_copy(update={"camera": camera}))
+    true_centres(build_world(scene.model_copy(update={"camera": camera})))
+
+
+def test_dots_at_the_edge_of_a_fisheye_of_190_degrees_are_true(world: World) -> None:
+    true_centres(sideways(world, 85), least=30)
+
+
+def true_centres(world: World, least: int = 80) -> None:
+    """What is rendered of evenly lit dots of the first station has its centres of area and its areas where they are."""
     stage = build_stage(world)
     image = render_fast(stage, even_light(world), 0, 3).values.astype(float)
     views, marks = see(world), world.marks
@@ -65,10 +73,45 @@ def test_centres_of_evenly_lit_dots_are_true_to_0_0002_px_through_every_lens(len
         area = ink.sum()
         errors.append(np.array([x + (ink.sum(0) @ g) / area, y + (ink.sum(1) @ g) / area]) - views.disc_px[0, k])
         areas.append(area / (np.pi / 4 * views.diameter_px[0, k] ** 2))
-    assert len(errors) > 80
+    assert len(errors) > least
     assert np.sqrt(np.mean(np.square(errors))) < 0.0002
     assert np.abs(errors).max() < 0.001
     assert abs(np.mean(areas) - 1) < 1e-5
+
+
+def sideways(world: World, angle_deg: float) -> World:
+    """The same station behind a fisheye that is turned aside, and whose image is the part of a large one in
+    which the boards still lie."""
+    from testfield.camera.pose import Poses, rotation
+
+    turn = rotation(np.array([0.0, np.radians(angle_deg), 0.0]))
+    old, f = world.camera_from_world, world.interior.fx
+    poses = Poses(turn @ old.R, np.einsum("ij,nj->ni", turn, old.t_mm))
+    middle = np.array([world.interior.width_px, world.interior.height_px]) / 2 - [f * np.radians(angle_deg), 0]
+    interior = replace(world.interior, parameters=np.array([f, f, *middle, 0.01, 0, 0, 0]), model="fisheye")
+    return replace(world, camera_from_world=poses, interior=interior)
+
+
+@pytest.mark.parametrize("angle_deg", [0, 85, 95])
+def test_rays_of_a_fisheye_are_those_of_its_projection_beyond_90_degrees_too(world: World, angle_deg: float) -> None:
+    from testfield.camera.project import directions, project_camera
+    from testfield.render.camera_plugin import CameraRays
+    from testfield.render.variant import mitsuba
+
+    mi = mitsuba()
+    turned = sideways(world, angle_deg)
+    x, y = (v.ravel() for v in np.meshgrid(np.linspace(0, 1279, 17), np.linspace(0, 1023, 13)))
+    rays = CameraRays(turned, 0).at(mi.Float(x), mi.Float(y))
+    R = turned.camera_from_world.R[0]
+    d, by_x, by_y = (np.array(v).T @ R.T for v in (rays.direction, rays.by_x, rays.by_y))
+    true = directions(turned.interior, np.column_stack([x, y]))
+    assert (true[:, 2].min() < 0) == (angle_deg > 60)
+    assert np.allclose(
+        d / np.linalg.norm(d, axis=1, keepdims=True), true / np.linalg.norm(true, axis=1)[:, None], atol=4e-7
+    )
+    for by, step in ((by_x, [1.0, 0]), (by_y, [0, 1.0])):
+        moved = project_camera(turned.interior, d + 0.01 * by) - project_camera(turned.interior, d - 0.01 * by)
+        assert np.allclose(moved / 0.02, step, atol=1e-3)
 
 
 def test_a_dot_in_the_very_middle_of_a_cell_is_whole() -> None:

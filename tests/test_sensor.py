@@ -3,10 +3,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from pydantic import ValidationError
+from scipy.stats import chi2, norm, poisson
 
 from testfield.camera.images import Frame, Radiance
+from testfield.errors import TestfieldError
 from testfield.scene.schema import SensorPart
-from testfield.seeds import generator
+from testfield.seeds import Plane
 from testfield.sensor.expose import Sensor, expose
 from testfield.sensor.patterns import gain_pattern
 
@@ -59,18 +61,105 @@ def test_images_survive_their_files(tmp_path) -> None:  # type: ignore[no-untype
     assert Radiance.load(tmp_path / "r.exr").station == "s"
 
 
-def test_with_everything_new_off_a_frame_keeps_its_bytes() -> None:
-    """The linear model as it was before fixed patterns and dark current, draw by draw."""
-    rng = generator(5, "expose/s")
-    electrons = np.minimum(rng.poisson(flat(0.5).values.astype(float) * SENSOR.electrons_per_radiance), 10400.0)
-    electrons = electrons + 2.3 * rng.standard_normal(electrons.shape)
+def test_a_frame_is_the_inverse_of_both_distributions_at_its_pixels_own_numbers() -> None:
+    """The linear model with everything else off, with SciPy's Poisson distribution."""
+    light = flat(0.5).values
+    rows, columns = range(light.shape[0]), light.shape[1]
+    u = Plane(5, "expose/s/electrons").uniforms(rows, columns)
+    electrons = np.minimum(poisson.ppf(u, light.astype(float) * SENSOR.electrons_per_radiance), 10400.0)
+    electrons = electrons + 2.3 * norm.ppf(Plane(5, "expose/s/read-out").uniforms(rows, columns))
     plain = np.clip(np.rint(electrons / 2.6 + 64), 0, 4095).astype(np.uint16)
-    frame = expose(flat(0.5), SENSOR, 5)
-    assert np.array_equal(frame.pixels_dn, plain)
+    assert np.array_equal(expose(flat(0.5), SENSOR, 5).pixels_dn, plain)
+
+
+def test_a_scene_sensor_keeps_its_numbers_as_written() -> None:
     as_in_a_scene = Sensor(pixel_pitch_um=3.45, f_number=8.0, time_ms=24.0, **SensorPart().model_dump())
     assert as_in_a_scene == SENSOR
     # The file beside a frame holds these numbers as text: 64 must not become 64.0.
     assert isinstance(as_in_a_scene.sheet.black_level_dn, int)
+
+
+def uneven() -> np.ndarray:
+    """From the dark to the full well, with steps."""
+    return (np.indices((400, 500)).sum(axis=0) % 90 / 90).astype(np.float32) ** 2
+
+
+def test_a_pixel_that_changes_changes_no_other() -> None:
+    light = uneven()
+    before = expose(Radiance("s", light), SENSOR, 5).pixels_dn
+    light[17, 23] *= 3
+    after = expose(Radiance("s", light), SENSOR, 5).pixels_dn
+    assert np.argwhere(before != after).tolist() == [[17, 23]]
+
+
+def test_a_crop_of_the_sensor_keeps_its_pixels() -> None:
+    sensor = replace(SENSOR, prnu=0.01, dsnu_e=2.0, dark_current_e_per_s=50.0)
+    whole = expose(Radiance("s", uneven()), sensor, 5).pixels_dn
+    assert np.array_equal(expose(Radiance("s", uneven()[:130, :211]), sensor, 5).pixels_dn, whole[:130, :211])
+
+
+def test_a_ten_millionth_more_light_changes_few_pixels_by_one_electron() -> None:
+    counting = replace(SENSOR, read_noise_e=0.0, gain_e_per_dn=1.0, bits=16)
+    light = uneven()
+    for sensor in (SENSOR, counting):
+        one, more = (
+            expose(Radiance("s", (light * factor).astype(np.float32)), sensor, 5).pixels_dn.astype(int)
+            for factor in (np.float64(1), np.float64(1 + 1e-7))
+        )
+        assert 0 < np.count_nonzero(more != one) < light.size / 1000
+        assert set(np.unique(more - one)) <= {0, 1}
+
+
+def test_seed_noise_seed_and_station_each_give_noise_of_their_own() -> None:
+    sensor = replace(SENSOR, prnu=0.02)
+    light = flat(0.4).values
+    images = [
+        expose(Radiance(station, light), replace(sensor, prnu=0.0), seed, noise).pixels_dn
+        for station, seed, noise in (("s", 5, None), ("t", 5, None), ("s", 6, None), ("s", 5, 7))
+    ]
+    together = np.corrcoef([image.ravel().astype(float) for image in images])
+    assert np.abs(together - np.eye(4)).max() < 5 / np.sqrt(light.size)
+    # The fixed pattern goes with the seed, whatever the noise's seed is.
+    a, b, c = (
+        np.mean([expose(Radiance(f"{k}", light), sensor, seed, noise).pixels_dn for k in range(8)], axis=0).ravel()
+        for seed, noise in ((5, None), (5, 7), (6, 7))
+    )
+    assert np.cov(a, b)[0, 1] > 20 * abs(np.cov(a, c)[0, 1])
+
+
+def fit_chi2(counts: np.ndarray, chance: np.ndarray) -> float:
+    """Probability of a worse chi-square of counts 0, 1, ..., of bins merged so that ten or more are expected."""
+    expected = chance * counts.sum()
+    kept = np.flatnonzero(expected >= 10)
+    first, last = kept[0], kept[-1]
+    observed, foreseen = (
+        np.array([v[: first + 1].sum(), *v[first + 1 : last], v[last:].sum()]) for v in (counts, expected)
+    )
+    return float(chi2.sf(((observed - foreseen) ** 2 / foreseen).sum(), len(observed) - 1))
+
+
+@pytest.mark.parametrize("mean_e", [0.5, 1.0, 2.0, 5.0, 10.0, 20.0])
+def test_few_electrons_are_poisson_and_no_gaussian(mean_e: float) -> None:
+    counting = replace(SENSOR, read_noise_e=0.0, gain_e_per_dn=1.0, black_level_dn=0.0, bits=16)
+    radiance = Radiance("s", np.full((400, 500), mean_e / counting.electrons_per_radiance, np.float32))
+    k = np.arange(100)
+    counts = np.bincount(expose(radiance, counting, 5).pixels_dn.ravel(), minlength=len(k))
+    mean_e = float(radiance.values[0, 0]) * counting.electrons_per_radiance
+    assert fit_chi2(counts, poisson.pmf(k, mean_e)) > 1e-3
+    # A Gaussian of the same mean and variance, rounded to whole electrons, is refused, and so is the frame as one.
+    edges = norm.cdf(np.concatenate([[-np.inf], k[:-1] + 0.5, [np.inf]]), mean_e, np.sqrt(mean_e))
+    assert fit_chi2(counts, np.diff(edges)) < 1e-9
+    z = norm.ppf(Plane(5, "expose/s/electrons").uniforms(range(400), 500))
+    rounded = np.clip(np.rint(mean_e + np.sqrt(mean_e) * z), 0, 99).astype(int)
+    assert fit_chi2(np.bincount(rounded.ravel(), minlength=len(k)), poisson.pmf(k, mean_e)) < 1e-9
+
+
+@pytest.mark.parametrize("wrong", [np.nan, np.inf])
+def test_light_that_is_no_number_stops_the_exposure_with_its_place(wrong: float) -> None:
+    light = flat(0.5).values.copy()
+    light[3, 7] = wrong
+    with pytest.raises(TestfieldError, match=r"(?s)row 3.*column 7"):
+        expose(Radiance("left", light), SENSOR, 5)
 
 
 def test_the_sheet_tells_mean_and_variance_of_the_dark_current() -> None:

@@ -184,7 +184,7 @@ def test_confined_observations_lie_in_the_middle_and_coverage_says_how_much() ->
     assert 0 < len(inside) < len(observations) and (inside.board >= 0).all()
     assert len(stitching.confined(observations, scene, 1.01)) == (observations.board >= 0).sum()
     assert (abs(inside.xy_px - [799.5, 599.5]) <= [400, 300]).all()
-    assert len(stitching._as_many(observations, inside, 1)) == len(inside)
+    assert len(stitching._as_many(observations, inside, world, 1)) == len(inside)
     calibration = _truth(world)
     for xy, part in (([[0.0, 0.0]], 1 / 48), ([[0.0, 0.0], [1599, 1199], [1600.2, 1199]], 2 / 48)):
         object.__setattr__(calibration, "residual_at_px", np.array(xy))

@@ -53,7 +53,7 @@ def spread() -> tuple[SceneFile, World, Observations]:
     text = tomli_w.dumps(field_scene(True, 6))
     scene = parse_scene(text, "spread", Path())
     world = build_world(scene)
-    return scene, world, draw_observations(scene, world, see(world), np.random.default_rng(1))
+    return scene, world, draw_observations(scene, world, see(world), 1)
 
 
 def test_ranges_are_equal_or_spread_five_times_and_all_stations_see_nearly_all() -> None:

@@ -23,6 +23,8 @@ from testfield.scene.build import build_world
 from testfield.scene.truth import see
 from testfield.score.align import aligned_covariance
 from testfield.score.points import score_points
+from testfield.seeds import normals
+from testfield.uncertainty import rays
 from testfield.uncertainty.certificates import draw_certificates, draw_pixels
 from testfield.uncertainty.consistency import nees_band
 from testfield.uncertainty.monte_carlo import adaptive, of_few, tolerance, validate
@@ -128,7 +130,7 @@ def test_rays_met_again_scatter_as_the_linear_result_says(method: str) -> None:
     points = find("reconstructors", method)(rows, calibration, field)
     ready = RayTrials.of(rows, calibration, field, method)
     assert np.allclose(ready.xyz_mm, points.xyz_mm, rtol=0, atol=1e-9)
-    off = (ready.draw(4000, np.random.default_rng(5)) - points.xyz_mm).reshape(4000, -1)
+    off = (ready.draw(range(4000), 5) - points.xyz_mm).reshape(4000, -1)
     white = np.linalg.solve(np.linalg.cholesky(points.cov_xyz_mm2), off.T)
     assert (white**2).mean() == pytest.approx(1, abs=0.03)
     assert np.abs(white.mean(axis=1)).max() < 0.08
@@ -139,13 +141,22 @@ def test_a_trial_is_the_reconstruction_of_its_pixels(method: str) -> None:
     rows, field, calibration = network()
     exact = replace(calibration, covariance=np.zeros_like(calibration.covariance))
     ready = RayTrials.of(rows, exact, field, method)
-    drawn = ready.draw(1, np.random.default_rng(6))[0]
+    drawn = ready.draw(range(1), 6)[0]
     sights = ready.solved.sights
-    z = np.random.default_rng(6).standard_normal((1, *sights.xy_px.shape))[0]
+    z = normals(6, "pixels", sights.xy_px.size).reshape(sights.xy_px.shape)
     shaken = replace(sights, xy_px=sights.xy_px + np.einsum("nkij,nkj->nki", np.linalg.cholesky(sights.cov_px2), z))
     again = solve(shaken, exact, METHODS[method]).xyz_mm
     assert np.abs(again - ready.xyz_mm).max() > 0.01
     assert np.allclose(drawn, again, rtol=0, atol=1e-4)  # weights and lines at the estimate: second order
+
+
+def test_a_trial_has_its_number_whatever_block_it_is_drawn_in(monkeypatch: pytest.MonkeyPatch) -> None:
+    rows, field, calibration = network()
+    ready = RayTrials.of(rows, calibration, field, "gls")
+    together = ready.draw(range(60), 5)
+    assert np.allclose(ready.draw(range(20, 30), 5), together[20:30], rtol=0, atol=1e-9)
+    monkeypatch.setattr(rays, "MOST_AT_ONCE", 7 * together.shape[1])
+    assert np.allclose(ready.draw(range(60), 5), together, rtol=0, atol=1e-9)
 
 
 def test_a_calibration_claimed_too_well_is_found_out() -> None:
@@ -157,7 +168,7 @@ def test_a_calibration_claimed_too_well_is_found_out() -> None:
         ready = RayTrials.of(rows, worse, field, "gls")
 
         def block(k: int, ready: RayTrials = ready) -> np.ndarray:
-            return ready.draw(10_000, np.random.default_rng(k))
+            return ready.draw(range(10_000 * k, 10_000 * (k + 1)), 8)
 
         trials = adaptive(lambda k: result.of(block(k)), np.zeros(len(result.names)), 20_000)
         verdict = validate(result.value_mm, result.u_mm, trials).verdict
@@ -172,17 +183,16 @@ def test_certificates_without_uncertainty_move_nothing(quick: Run) -> None:
         boards=tuple(replace(b, u_xy_mm=0.0, u_z_mm=0.0) for b in quick.field.boards),
         scale_bars=tuple(replace(b, u_length_mm=0.0) for b in quick.field.scale_bars),
     )  # fmt: skip
-    rng = np.random.default_rng(7)
-    same, sheet = draw_certificates(trials.observations, trials.calibration, certain, rng)
+    same, sheet = draw_certificates(trials.observations, trials.calibration, certain, 7)
     assert np.array_equal(same.xy_px, trials.observations.xy_px, equal_nan=True)
     assert sheet == certain
-    moved, sheet = draw_certificates(trials.observations, trials.calibration, quick.field, rng)
+    moved, sheet = draw_certificates(trials.observations, trials.calibration, quick.field, 7)
     on = (moved.board >= 0) & (moved.status == "measured")
     shift = (moved.xy_px - trials.observations.xy_px)[on]
     assert 1e-3 < np.sqrt((shift**2).mean()) < 0.05  # 0.01 mm at 2 m and 1,670 px focal length
     assert sheet.scale_bars[0].length_mm != quick.field.scale_bars[0].length_mm
     measured = trials.observations.measured
-    noise = draw_pixels(measured, rng).xy_px - measured.xy_px
+    noise = draw_pixels(measured, quick.field, 7).xy_px - measured.xy_px
     assert noise.std() == pytest.approx(np.sqrt(measured.cov_px2[:, 0, 0].mean()), rel=0.1)
 
 
@@ -304,7 +314,7 @@ def test_the_small_sibling_obeys_the_law(tmp_path: Path) -> None:
     from testfield.reconstruct.points import Points
 
     run, _ = begin(SCENES / "one_part_in_a_million_quick.toml", tmp_path / "run", None, 2)
-    drawn = draw_observations(run.scene, run.world, run.views, np.random.default_rng(8))
+    drawn = draw_observations(run.scene, run.world, run.views, 8)
     camera = run.scene.camera
     foreseen = find("calibrators", "stitched")(drawn, run.field, camera.width_px, camera.height_px)
     expected = score_points(run.world, foreseen, find("reconstructors", "bundle")(drawn, foreseen, run.field))

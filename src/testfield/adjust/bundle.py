@@ -135,6 +135,29 @@ def _adjust(
     )  # fmt: skip
 
 
+def undamped(network: Network, labels: list[str], steps: int) -> Network:
+    """The network after Gauss-Newton steps without damping, or as it was where they led away from the minimum.
+
+    For starts so near the minimum that the problem is almost linear, but where it is weak: there each step of the way
+    may raise chi-squared by second-order terms that the next step takes away, and `adjust` would creep.
+    """
+    best, least = network, chi2_of(network)
+    structure = Structure.of(network)
+    whitening = np.linalg.inv(np.linalg.cholesky(network.cov_px2))
+    with threadpool_limits(1, "blas"):
+        for _ in range(steps):
+            equations, ways = _equations(network, structure, whitening, np.ones(len(network.point)))
+            normal, right, inverse = equations.reduced(0.0)
+            step = Factor(normal, labels, ways[0]).solve(right)
+            network = network.moved(step, equations.back_substituted(step, inverse))
+            chi2 = chi2_of(network)
+            if not np.isfinite(chi2):
+                break
+            if chi2 < least:
+                best, least = network, chi2
+    return best
+
+
 def _equations(
     network: Network, structure: Structure, whitening: np.ndarray, weight: np.ndarray
 ) -> tuple[NormalEquations, tuple[np.ndarray, np.ndarray]]:
@@ -172,6 +195,12 @@ def predict(network: Network) -> np.ndarray:
         here = camera == k
         predicted[here] = project_unchecked(unknown.interior, at_camera[here])
     return predicted + network.offset_px
+
+
+def chi2_of(network: Network) -> float:
+    """Chi-squared of a network at its present values, priors and distances included."""
+    whitening = np.linalg.inv(np.linalg.cholesky(network.cov_px2))
+    return _chi2(network, whitening, np.ones(len(network.point)))
 
 
 def _residuals(network: Network) -> np.ndarray:

@@ -44,7 +44,7 @@ def _similarity(network: Network, layout: Layout, centre: np.ndarray) -> tuple[n
     at = by_reduced[layout.station : layout.member].reshape(-1, 6, 7)
     at[:, :3, 3:6] = -stations.R
     at[:, 3:] = -stations.R @ move(stations.origin_mm)
-    at[:, 3:, 3:6] += -cross_matrix(stations.t_mm) @ stations.R  # -d(R) C = R [w]x C, and R C = -t
+    at[:, 3:, 3:6] += cross_matrix(stations.t_mm) @ stations.R  # -d(R) C = R [w]x C, and R C = -t
     by_reduced[layout.member : layout.board[0]].reshape(-1, 6, 7)[:, 3:, 6] = network.members.t_mm[1:]
     if len(network.boards):
         six = np.zeros((len(network.boards), 6, 7))

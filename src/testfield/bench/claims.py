@@ -38,7 +38,7 @@ from testfield.scene.truth import see
 from testfield.scene.world import World
 from testfield.score.camera import true_in_datum
 from testfield.score.points import score_points
-from testfield.seeds import generator, seed_of
+from testfield.seeds import seed_of
 from testfield.store.digests import digest
 from testfield.targets.field import Field
 from testfield.uncertainty.consistency import nees_band
@@ -85,7 +85,7 @@ def over_worlds(text: str, source: Path, worlds: int, tell: Callable[[str], None
     for k in range(worlds):
         scene = parse_scene(with_seed(text, seed_of(first, f"claims/{k}") >> 33), str(source), source.parent)
         world = build_world(scene)
-        observations = draw_observations(scene, world, see(world), generator(scene.seed, "claims/pixels"))
+        observations = draw_observations(scene, world, see(world), seed_of(scene.seed, "claims/pixels"))
         calibration, points = _measured(observations, world.field, scene)
         found.append(errors_of(world, calibration, points))
         score = score_points(world, calibration, points)
@@ -169,10 +169,10 @@ def _summary(trials: list[Errors]) -> dict[str, Any]:
 
 def _camera(world: World, calibration: Calibration) -> Errors:
     alike = calibration.interior.model == world.interior.model
-    free = [name for name in calibration.interior.names if alike and name in calibration.labels]
+    free = [name for name in calibration.interior.without_modes.names if alike and name in calibration.labels]
     chosen = [calibration.interior.names.index(name) for name in free]
     index = calibration.index(free)
-    error = (calibration.interior.parameters - world.interior.parameters)[chosen] if free else np.zeros(0)
+    error = (calibration.interior.without_modes.parameters - world.interior.parameters)[chosen] if free else np.zeros(0)
     return Errors(error, calibration.covariance[np.ix_(index, index)], max(len(free), 1))
 
 

@@ -12,6 +12,7 @@ from testfield.scene.exposure import sensor_of, white_radiance
 from testfield.scene.schema import SceneFile
 from testfield.scene.truth import Views
 from testfield.scene.world import World
+from testfield.uncertainty.mark_numbers import normals_of_marks
 
 OBLIQUE_DEG = 75
 """Dots seen more obliquely are not measured."""
@@ -20,8 +21,11 @@ SHADE = 0.2
 """Contrast in full shadow, as a part of the typical one."""
 
 
-def draw_observations(scene: SceneFile, world: World, views: Views, rng: np.random.Generator) -> Observations:
-    """Observations of all marks in full view that are large enough for the scene's detector."""
+def draw_observations(scene: SceneFile, world: World, views: Views, seed: int) -> Observations:
+    """Observations of all marks in full view that are large enough for the scene's detector.
+
+    Each errs by its own numbers, by station, board and mark: what another hides or shows changes none.
+    """
     least = scene.measure.smallest_diameter_px
     clear = (views.visible == 1) & (views.obliquity_deg < OBLIQUE_DEG) & (views.diameter_px >= least)
     station, mark = np.nonzero(clear)
@@ -32,7 +36,11 @@ def draw_observations(scene: SceneFile, world: World, views: Views, rng: np.rand
     contrast_dn, noise_dn = _levels(scene, world)
     snr = (contrast_dn / noise_dn)[mark]
     cov = bound_px2(image.moments_px2, snr, np.hypot(world.psf_sigma_px, 1 / np.sqrt(12)))
-    error = np.einsum("nij,nj->ni", np.linalg.cholesky(cov), rng.standard_normal((len(mark), 2)))
+    marks, names = world.marks, tuple(board.name for board in world.field.boards)
+    z = normals_of_marks(
+        seed, world.station_name, names, station, marks.board[mark], marks.point[mark], marks.code[mark]
+    )
+    error = np.einsum("nij,nj->ni", np.linalg.cholesky(cov), z)
     return Observations(
         world.station_name, station, views.disc_px[station, mark] + error, cov, image.moments_px2,
         world.marks.code[mark], world.marks.board[mark], world.marks.point[mark], np.ones(len(mark)),

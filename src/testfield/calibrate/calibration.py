@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from pydantic import field_validator
 
+from testfield.calibrate.calibration_check import what_cannot_be
 from testfield.camera.interior import Interior
 from testfield.camera.pose import Poses
-from testfield.errors import speaking
+from testfield.errors import TestfieldError, speaking
 from testfield.store.sheets import (
     FORMAT,
     Count,
@@ -27,6 +28,10 @@ from testfield.store.sheets import (
 from testfield.store.text import write_text
 
 AXES = ("rx", "ry", "rz", "tx", "ty", "tz")
+TUPLES = (
+    "station_names", "board_names", "labels", "rejected", "notes", "joints", "board_quality", "rejections",
+    "certificates", "failures",
+)  # fmt: skip
 ARRAYS = ("covariance", "residual_at_px", "residual_px", "point_code", "point_mm")
 
 
@@ -41,8 +46,10 @@ class Calibration:
     their pixels have had their say, and reconstruction takes them over. `sigma0` of the adjustment with
     `freedom`; `reprojection_rms_px` over `used` observations; `rejected` observations (station, board, x_px, y_px,
     size of the residual in standard deviations, why); `residual_px` (m, 2) observed minus adjusted at `residual_at_px`
-    (m, 2); `graph` edges (station, board, marks); `joints`, `board_quality` and `test` as in `quality`; `notes` for the
-    reader.
+    (m, 2); `graph` edges (station, board, marks); `joints`, `board_quality` and `test` as in `quality`; `misfit` what
+    the lens model does not follow (`lens_misfit`), empty where nothing is seen of it; `rejections` counted by group as
+    in `rejections`; `certificates` tested, as in `certificates`; `failures`, sentences on what no reader may overlook:
+    with one of them the test is not passed; `notes` for the reader.
     """
 
     method: str
@@ -66,8 +73,12 @@ class Calibration:
     joints: tuple[dict, ...] = ()
     board_quality: tuple[dict, ...] = ()
     test: dict = field(default_factory=dict)
+    misfit: dict = field(default_factory=dict)
     point_code: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
     point_mm: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    rejections: tuple[dict, ...] = ()
+    certificates: tuple[dict, ...] = ()
+    failures: tuple[str, ...] = ()
 
     def index(self, names: list[str]) -> np.ndarray:
         """Places of the named unknowns in the covariance."""
@@ -105,7 +116,7 @@ class Calibration:
         residuals = len(arrays["residual_px"])
         plain = file.model_dump(exclude={"interior", "stations", "boards"})
         found = Calibration(
-            **(plain | {"test": plain["test"] or {}}),
+            **(plain | {"test": plain["test"] or {}} | {key: tuple(plain.get(key, ())) for key in TUPLES}),
             interior=Interior.from_json(file.interior),
             stations=_poses(file.stations, "stations", len(file.station_names)),
             boards=_poses(file.boards, "boards", len(file.board_names)),
@@ -116,6 +127,8 @@ class Calibration:
             point_mm=array(arrays["point_mm"], "point_mm", points, 3),
         )  # fmt: skip
         _names_fit(found)
+        if wrong := what_cannot_be(found):
+            raise TestfieldError(wrong, str(path), "make it again, or mend what was edited")
         return found
 
 

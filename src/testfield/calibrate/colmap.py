@@ -9,8 +9,10 @@ import numpy as np
 from testfield.adjust.network import Camera, Distances, Network
 from testfield.calibrate.as_colmap import as_reconstruction, free_bundle
 from testfield.calibrate.calibration import Calibration
+from testfield.calibrate.edges import left_out
 from testfield.calibrate.quality import board_quality, joints, residual_test
-from testfield.calibrate.rows import rejection, usable_rows
+from testfield.calibrate.rejections import of_joints
+from testfield.calibrate.rows import usable_rows
 from testfield.calibrate.start import Start, starting_network
 from testfield.calibrate.views import AXES, OWN_WORD, evaluated
 from testfield.camera.interior import PINHOLE
@@ -52,7 +54,7 @@ def colmap(
         raise TestfieldError(f"COLMAP has no lens '{lens}'", "measure.lens", f"choose one of {', '.join(MODELS)}")
     rows, turned_down, notes = usable_rows(observations, field)
     start = starting_network(rows, replace(field, scale_bars=()), width_px, height_px, lens, hold)
-    turned_down += [rejection(rows, field, k, None, "misread: far from its board's homography") for k in start.gross]
+    turned_down += left_out(rows, field, start.why)
     own = (*PINHOLE, *MODELS[lens][1])
     missing = [name for name in start.network.interior.names if name not in (*own, *hold)]
     notes += start.notes + ([f"COLMAP's camera has no {', '.join(missing)}: held at zero"] if missing else [])
@@ -70,13 +72,14 @@ def colmap(
     boards, covariance, names = _with_boards(found, labels, start, owner, field.u_scale)
     seen = replace(found.network, point_board=owner[0])
     edges = joints(replace(found, network=seen), start.stations, start.boards)
-    return Calibration(
+    calibration = Calibration(
         "colmap", solved.interior, start.stations, found.network.stations, start.boards, boards, 1.0, covariance,
         names, found.sigma0, found.freedom, float(np.sqrt((found.residual_px**2).sum(axis=1).mean())),
         len(solved.xy_px), tuple(turned_down), solved.xy_px, found.residual_px,
         tuple((e["station"], e["board"], e["marks"]) for e in edges), tuple([*notes, OWN_WORD]), joints=edges,
         board_quality=board_quality(covariance, names, start.boards, edges), test=residual_test(found),
     )  # fmt: skip
+    return of_joints(calibration)
 
 
 def _loose(start: Start) -> tuple[Network, tuple[np.ndarray, np.ndarray]]:

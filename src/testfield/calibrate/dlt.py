@@ -10,8 +10,10 @@ from testfield.adjust.linear import Structure, linearise
 from testfield.adjust.network import HELD, Camera, Distances, Images, Network, information_of
 from testfield.adjust.normal import NormalEquations
 from testfield.calibrate.calibration import Calibration
+from testfield.calibrate.edges import left_out
 from testfield.calibrate.quality import board_quality, joints, residual_test
-from testfield.calibrate.rows import rejection, usable_rows
+from testfield.calibrate.rejections import of_joints
+from testfield.calibrate.rows import usable_rows
 from testfield.calibrate.start import PINHOLE_LIKE, starting_network
 from testfield.calibrate.views import AXES, LEAST_VARIANCE_PX2, evaluated
 from testfield.camera.interior import Interior
@@ -52,8 +54,7 @@ def dlt(
                     scale_bars=())  # fmt: skip
     rows = _renumbered(rows, field, sheet)
     start = starting_network(rows, sheet, width_px, height_px, lens, (), least_stations=1, given=True)
-    notes += start.notes
-    turned_down += [rejection(rows, sheet, k, None, "misread: far from its board's homography") for k in start.gross]
+    turned_down, notes = turned_down + left_out(rows, sheet, start.why), notes + start.notes
     rigid = _rigid(start.network)
     cameras, solved = [], []
     for i in range(len(start.stations)):
@@ -97,13 +98,14 @@ def dlt(
         "the camera is a pinhole, the mean of the images' own, with the covariance of their eleven parameters; "
         "the stations' has its part and the pixels'; what is unknown of boards, and the discs' eccentricity, is in none"
     )
-    return Calibration(
+    calibration = Calibration(
         "dlt", interior, stations, found.network.stations, start.boards, found.network.boards, 1.0, covariance, names,
         found.sigma0, found.freedom, float(np.sqrt((found.residual_px**2).sum(axis=1).mean())), len(resected.xy_px),
         tuple(turned_down), resected.xy_px, found.residual_px,
         tuple((e["station"], e["board"], e["marks"]) for e in edges), tuple(notes), joints=edges,
         board_quality=board_quality(covariance, names, start.boards, edges), test=residual_test(found),
     )  # fmt: skip
+    return of_joints(calibration)
 
 
 def eleven_parameters(xyz_mm: np.ndarray, xy_px: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

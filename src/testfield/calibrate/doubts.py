@@ -76,7 +76,7 @@ def _covered(network: Network) -> list[str]:
         return []
     return [
         f"the observations cover {100 * part:.0f} % of the image: beyond them the lens "
-        f"({_unknown(network, camera.names[4:]) or 'held'}) is extrapolated"
+        f"({_unknown(network, camera.lens.coefficients) or 'held'}) is extrapolated"
     ]
 
 

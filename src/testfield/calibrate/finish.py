@@ -1,17 +1,60 @@
 """From an adjustment to the calibration that is handed on, with everything a reader should doubt."""
 
+from collections.abc import Callable
+from dataclasses import replace
+
 import numpy as np
 
 from testfield.adjust.bundle import Adjustment
 from testfield.adjust.weakness import weak_unknowns
 from testfield.calibrate.calibration import Calibration, point_label
 from testfield.calibrate.doubts import geometric_doubts
+from testfield.calibrate.edges import left_out
+from testfield.calibrate.lens_misfit import LensMisfit
 from testfield.calibrate.quality import board_quality, joints, residual_test
+from testfield.calibrate.rejections import of_boards
 from testfield.calibrate.rows import rejection
-from testfield.calibrate.settle import Settled
+from testfield.calibrate.settle import Settled, settled
 from testfield.calibrate.start import Start
+from testfield.camera.interior import MODE
 from testfield.detect.observations import Observations
 from testfield.targets.field import Field
+
+
+def calibrated(
+    method: str,
+    begin: Callable[[Observations, frozenset[int]], Start],
+    rows: Observations,
+    field: Field,
+    turned_down: list[dict],
+    notes: list[str],
+    empirical: bool = False,
+    smooth: bool | LensMisfit = True,
+) -> Calibration:
+    """The calibration from the start that `begin` makes of observations without some boards of the sheet: of all at
+    first, then without images that contradict the others on the whole and boards whose sheets turn out to be wrong.
+
+    `empirical` and `smooth` as in `settle.settled`.
+    """
+    left_out: frozenset[int] = frozenset()
+    failures: tuple[str, ...] = ()
+    records: tuple[dict, ...] = ()
+    while True:
+        start = begin(rows, left_out)
+        found = settled(start, rows, empirical, smooth)
+        if found.lost is not None:
+            station = rows.stations.index(start.stations[found.lost])
+            here = rows.station == station
+            why = "of an image that contradicts the others"
+            turned_down = turned_down + [rejection(rows, field, k, None, why) for k in np.flatnonzero(here).tolist()]
+            rows = rows.take(~here)
+        elif found.wrong is not None:
+            failures, records = (*failures, *found.failures), (*records, *found.certificates)
+            wrong = [sheet.name for sheet in field.boards].index(start.boards[found.wrong])
+            left_out |= {wrong}
+        else:
+            found = replace(found, failures=(*failures, *found.failures), certificates=(*records, *found.certificates))
+            return finished(method, found, start, rows, field, turned_down, notes)
 
 
 def finished(
@@ -30,16 +73,18 @@ def finished(
     codes = np.array([code_of[k] for k in loose.tolist()], int)
     covariance, names = with_points(adjustment, network.labels(start.stations, start.boards), loose, codes)
     edges, test = joints(adjustment, start.stations, start.boards), residual_test(adjustment)
-    misread = [rejection(rows, field, k, None, "misread: far from its board's homography") for k in start.gross]
-    return Calibration(
+    records = left_out(rows, field, start.why)
+    calibration = Calibration(
         method, network.interior, start.stations, network.stations, start.boards, network.boards, network.scale,
-        covariance, names, adjustment.sigma0, adjustment.freedom,
+        covariance, names, adjustment.sigma0 * np.sqrt(found.widened), adjustment.freedom,
         float(np.sqrt((adjustment.residual_px**2).sum(axis=1).mean())), len(network.xy_px),
-        tuple(turned_down + misread + found.rejected), network.xy_px, adjustment.residual_px, start.graph,
+        tuple(turned_down + records + found.rejected), network.xy_px, adjustment.residual_px, start.graph,
         tuple(notes + start.notes + found.notes + doubts_of(adjustment, start, covariance, names, test)),
         joints=edges, board_quality=board_quality(covariance, names, start.boards, edges), test=test,
-        point_code=codes, point_mm=network.point_mm[loose],
+        misfit=found.misfit.card if found.misfit else {}, point_code=codes, point_mm=network.point_mm[loose],
+        certificates=found.certificates, failures=found.failures,
     )  # fmt: skip
+    return of_boards(calibration, rows.take(start.rows[found.left]), field)
 
 
 def with_points(
@@ -61,7 +106,7 @@ def doubts_of(
 ) -> list[str]:
     """Sentences on weak unknowns with the geometry to blame, on observations without control, on a failed test."""
     notes = geometric_doubts(adjustment.network, start.stations, start.boards)
-    own = [k for k, label in enumerate(labels) if not label.startswith("point:")]
+    own = [k for k, label in enumerate(labels) if not label.startswith(("point:", MODE))]
     notes += weak_unknowns(covariance[np.ix_(own, own)], [labels[k] for k in own])
     if test["uncontrolled"]:
         notes.append(

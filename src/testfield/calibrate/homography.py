@@ -6,6 +6,9 @@ import numpy as np
 from testfield.camera.pose import nearest_rotation
 from testfield.errors import TestfieldError
 
+LONGEST = 50.0
+"""Focal length over the image's width beyond which no camera is."""
+
 
 def plane_homography(plane_mm: np.ndarray, xy_px: np.ndarray) -> np.ndarray:
     """(3, 3) that maps plane points (n, 2) to pixels (n, 2), n >= 4, by least squares."""
@@ -13,6 +16,11 @@ def plane_homography(plane_mm: np.ndarray, xy_px: np.ndarray) -> np.ndarray:
     if homography is None:
         raise TestfieldError("the points of a board lie on a line", do="leave this board out")
     return homography
+
+
+def image_middle(width_px: int, height_px: int) -> np.ndarray:
+    """(2,) px where a principal point is looked for first."""
+    return np.array([(width_px - 1) / 2, (height_px - 1) / 2])
 
 
 def focal_length(homographies: np.ndarray, middle_px: np.ndarray) -> float:
@@ -30,14 +38,15 @@ def focal_length(homographies: np.ndarray, middle_px: np.ndarray) -> float:
     strong = np.abs(depth) > 0.05 * np.abs(depth).max()
     ratio, weight = -image[strong] / depth[strong], np.abs(depth[strong])
     positive = ratio > 0
-    if not positive.any():
+    order = np.argsort(ratio[positive])
+    ratio, weight = ratio[positive][order], weight[positive][order]
+    focal = float(np.sqrt(ratio[np.searchsorted(np.cumsum(weight), weight.sum() / 2)])) if positive.any() else np.inf
+    if focal > LONGEST * 2 * middle_px.max():  # what noise makes of views that say nothing
         raise TestfieldError(
             "the focal length cannot be found: every view sees the boards face on",
             do="add stations that look obliquely",
         )
-    order = np.argsort(ratio[positive])
-    ratio, weight = ratio[positive][order], weight[positive][order]
-    return float(np.sqrt(ratio[np.searchsorted(np.cumsum(weight), weight.sum() / 2)]))
+    return focal
 
 
 def plane_pose(homography: np.ndarray, focal_px: float, middle_px: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -6,9 +6,10 @@ import cv2
 import numpy as np
 
 from testfield.calibrate.calibration import Calibration
-from testfield.calibrate.edges import Edges, board_edges
-from testfield.calibrate.homography import focal_length
-from testfield.calibrate.rows import best_board, on_one_board, rejection, usable_rows
+from testfield.calibrate.edges import Edges, board_edges, left_out
+from testfield.calibrate.homography import focal_length, image_middle
+from testfield.calibrate.lens_start import lens_start
+from testfield.calibrate.rows import best_board, on_one_board, usable_rows
 from testfield.calibrate.views import from_views
 from testfield.camera.interior import Interior, parameter_names
 from testfield.camera.pose import Poses
@@ -45,11 +46,8 @@ def opencv(
     rows, turned_down, notes = usable_rows(observations, field)
     if board is not None:
         rows, field = on_one_board(rows, field, best_board(rows, field, board))
-    edges, gross = board_edges(rows, field)
-    turned_down += [
-        rejection(rows, field, k, None, "misread: far from its board's homography")
-        for k in np.flatnonzero(gross).tolist()
-    ]
+    edges, why, said = board_edges(rows, field, image_middle(width_px, height_px))
+    turned_down, notes = turned_down + left_out(rows, field, why), notes + said
     if len(edges) < LEAST_VIEWS:
         raise TestfieldError("OpenCV needs two views of boards, and there is one", do="add stations")
     objects, images = views_of(edges, rows, field)
@@ -58,7 +56,7 @@ def opencv(
         interior, poses = _fisheye(objects, images, start, free)
     else:
         found = cv2.calibrateCamera(
-            objects, images, (width_px, height_px), start.matrix, np.zeros(NEEDED[lens]),
+            objects, images, (width_px, height_px), start.matrix, coefficients_of(start),
             flags=flags_of(lens, hold) | cv2.CALIB_USE_INTRINSIC_GUESS, criteria=CRITERIA,
         )  # fmt: skip
         interior, poses = camera_of(start, found[1], found[2]), poses_of(found[3], found[4])
@@ -86,10 +84,11 @@ def first_guess(
     if strange:
         raise TestfieldError(f"the lens model '{lens}' has no coefficient '{strange[0]}'", "measure.hold",
                              f"its are {', '.join(names[4:])}")  # fmt: skip
-    middle = np.array([(width_px - 1) / 2, (height_px - 1) / 2])
+    middle = image_middle(width_px, height_px)
     focal = focal_length(edges.homography, middle)
-    values = np.array([focal, focal, *middle, *[0.0] * (len(names) - 4)])
-    return Interior(width_px, height_px, values, lens), np.array([name not in hold for name in names])
+    free = np.array([name not in hold for name in names])
+    plain = Interior(width_px, height_px, np.array([focal, focal, *middle, *[0.0] * (len(names) - 4)]), lens)
+    return lens_start(plain, free, edges.lens), free
 
 
 def flags_of(lens: str, hold: tuple[str, ...]) -> int:
@@ -108,6 +107,12 @@ def flags_of(lens: str, hold: tuple[str, ...]) -> int:
             raise TestfieldError(f"OpenCV holds {', '.join(group)} only together", "measure.hold", "name all or none")
         flags |= flag if held else 0
     return flags
+
+
+def coefficients_of(interior: Interior) -> np.ndarray:
+    """The coefficients of a brown or a rational lens in OpenCV's order."""
+    given = dict(zip(interior.names, interior.parameters, strict=True))
+    return np.array([given[name] for name in ORDER[: NEEDED[interior.model]]])
 
 
 def camera_of(start: Interior, matrix: np.ndarray, coefficients: np.ndarray) -> Interior:
@@ -131,7 +136,8 @@ def _fisheye(
     try:
         found = cv2.fisheye.calibrate(
             [o[None].astype(float) for o in objects], [i[None].astype(float) for i in images],
-            (start.width_px, start.height_px), start.matrix, np.zeros((4, 1)), flags=flags, criteria=CRITERIA,
+            (start.width_px, start.height_px), start.matrix, start.parameters[4:, None].copy(), flags=flags,
+            criteria=CRITERIA,
         )  # fmt: skip
     except cv2.error as error:
         raise TestfieldError(f"OpenCV's fisheye calibration failed ({' '.join(str(error).split())[:120]})") from error

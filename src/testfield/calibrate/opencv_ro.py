@@ -5,10 +5,12 @@ import numpy as np
 
 from testfield.adjust.network import HELD, Camera, Distances, Images, Network, information_of
 from testfield.calibrate.calibration import Calibration
-from testfield.calibrate.edges import Edges, board_edges
-from testfield.calibrate.opencv import CRITERIA, NEEDED, camera_of, first_guess, flags_of, poses_of
+from testfield.calibrate.edges import Edges, board_edges, left_out
+from testfield.calibrate.homography import image_middle
+from testfield.calibrate.opencv import CRITERIA, NEEDED, camera_of, coefficients_of, first_guess, flags_of, poses_of
 from testfield.calibrate.quality import board_quality, joints, residual_test
-from testfield.calibrate.rows import best_board, on_one_board, rejection, usable_rows
+from testfield.calibrate.rejections import of_joints
+from testfield.calibrate.rows import best_board, on_one_board, usable_rows
 from testfield.calibrate.views import OWN_WORD, evaluated
 from testfield.camera.pose import Poses
 from testfield.detect.observations import Observations
@@ -43,11 +45,8 @@ def opencv_ro(
     rows, turned_down, notes = usable_rows(observations, field)
     rows, field = on_one_board(rows, field, best_board(rows, field, board))
     sheet = field.boards[0]
-    edges, gross = board_edges(rows, field)
-    turned_down += [
-        rejection(rows, field, k, None, "misread: far from its board's homography")
-        for k in np.flatnonzero(gross).tolist()
-    ]
+    edges, why, said = board_edges(rows, field, image_middle(width_px, height_px))
+    turned_down, notes = turned_down + left_out(rows, field, why), notes + said
     chosen, points = _common(edges, rows)
     edges = edges.take(chosen)
     order, at = _ordered(sheet, points)
@@ -57,7 +56,7 @@ def opencv_ro(
     used = np.array([[view[int(point)] for point in order] for view in seen])
     found = cv2.calibrateCameraRO(
         [xyz.astype(np.float32)] * len(edges), [rows.xy_px[k].astype(np.float32) for k in used], (width_px, height_px),
-        at, start.matrix, np.zeros(NEEDED[lens]), criteria=CRITERIA,
+        at, start.matrix, coefficients_of(start), criteria=CRITERIA,
         flags=flags_of(lens, hold) | cv2.CALIB_USE_INTRINSIC_GUESS | WITHOUT_SCHUR,
     )  # fmt: skip
     interior, poses = camera_of(start, found[1], found[2]), poses_of(found[3], found[4])
@@ -78,7 +77,7 @@ def opencv_ro(
     adjustment = evaluated(network, labels, int(free.sum()) + 6 * views + 3 * n - 7)
     seen_edges = joints(adjustment, stations, boards)
     notes += [f"only board '{sheet.name}' is used: {n} marks that {views} views have in common", OWN_WORD]
-    return Calibration(
+    calibration = Calibration(
         "opencv_ro", interior, stations, poses, boards, Poses.identity(1), 1.0, adjustment.covariance, tuple(labels),
         adjustment.sigma0, adjustment.freedom, float(np.sqrt((adjustment.residual_px**2).sum(axis=1).mean())),
         n * views, tuple(turned_down), network.xy_px, adjustment.residual_px,
@@ -86,6 +85,7 @@ def opencv_ro(
         board_quality=board_quality(adjustment.covariance, tuple(labels), boards, seen_edges),
         test=residual_test(adjustment),
     )  # fmt: skip
+    return of_joints(calibration)
 
 
 def _common(edges: Edges, rows: Observations) -> tuple[np.ndarray, np.ndarray]:

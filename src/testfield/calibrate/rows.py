@@ -40,7 +40,10 @@ def rejection(rows: Observations, field: Field, k: int, sigmas: float | None, wh
     board = field.boards[rows.board[k]].name if rows.board[k] >= 0 else ""
     x, y = (float(v) for v in rows.xy_px[k])
     station = rows.stations[rows.station[k]]
-    return {"station": station, "board": board, "x_px": x, "y_px": y, "sigmas": sigmas, "why": why}
+    code = int(rows.code[k])
+    return {"station": station, "board": board, "x_px": x, "y_px": y, "sigmas": sigmas, "why": why, "code": code} | {
+        "point": int(rows.point[k])
+    }
 
 
 def best_board(rows: Observations, field: Field, name: str | None) -> int:

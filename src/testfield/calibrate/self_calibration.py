@@ -17,12 +17,19 @@ from testfield.adjust.normal import Factor
 from testfield.adjust.reliability import global_test, reliability
 from testfield.adjust.weakness import weak_unknowns
 from testfield.calibrate.calibration import Calibration
+from testfield.calibrate.certificates import Tested, attached, tested, without_certificates
 from testfield.calibrate.certified import Certified, in_datum
+from testfield.calibrate.edges import front_only
 from testfield.calibrate.finish import with_points
+from testfield.calibrate.homography import image_middle
+from testfield.calibrate.lens_misfit import LensMisfit, lens_misfit, with_misfit, without_misfit
 from testfield.calibrate.loose_discs import disc_offsets
+from testfield.calibrate.quality import residual_test
+from testfield.calibrate.rejections import lost_images, of_ties
 from testfield.calibrate.self_start import SQUARE, loose_network, start_from_nothing
+from testfield.calibrate.settle import MISFIT_ROUNDS, scatter_note
 from testfield.calibrate.ties import LEAST_COMMON, LEAST_RAYS, Ties, coded_ties, largest_group, point_name
-from testfield.camera.interior import Interior
+from testfield.camera.interior import MODE, Interior
 from testfield.camera.pose import Poses
 from testfield.camera.project import camera_jacobian
 from testfield.detect.observations import Observations
@@ -61,11 +68,17 @@ class FreeNetwork:
     job: "Job"
     adjustment: Adjustment
 
+    @property
+    def labels(self) -> list[str]:
+        """Names of the adjustment's unknowns."""
+        return replace(self.job, network=self.adjustment.network).labels
+
 
 @dataclass(frozen=True)
 class Job:
     """What is adjusted: `network`, its `ties` in the same order, `radius_mm` (n,) of the discs (NaN: none), `stations`
-    names; `rejected` records; `notes`."""
+    names; `rejected` records; `notes`; what is `certified`, tested or not; `shared` targets that each image had in
+    common with others to begin with."""
 
     network: Network
     ties: Ties
@@ -73,6 +86,8 @@ class Job:
     scale_from: str
     rejected: tuple[dict, ...]
     notes: tuple[str, ...]
+    certified: Certified
+    shared: dict[str, int]
 
     @property
     def labels(self) -> list[str]:
@@ -95,6 +110,7 @@ def self_calibration(
     Of the field's sheet only the bars' lengths and the dots' diameters are used. Loose targets that are no bar's ends
     are left to reconstruction wherever the other codes suffice, so that what is claimed of them is true.
     """
+    observations, said = front_only(observations, field, image_middle(width_px, height_px))
     diameter = dict(field.loose)
     tied = {c for bar in field.scale_bars if bar.role == "control" for c in bar.codes}
     for board in field.boards:
@@ -107,10 +123,10 @@ def self_calibration(
     ties, notes = coded_ties(observations, np.array(sorted(tied if enough else diameter), int))
     if not enough:
         notes.append("all loose targets take part in the calibration: too few other codes are in sight")
-    found = free_network(ties, width_px, height_px, lens, hold, certified, notes=notes)
+    found = free_network(ties, width_px, height_px, lens, hold, certified, notes=said + notes)
     loose = np.isin(found.code, list(field.loose))
     seen = found.adjustment.network.seen_points[loose]
-    covariance, labels = with_points(found.adjustment, found.job.labels, seen, found.code[loose])
+    covariance, labels = with_points(found.adjustment, found.labels, seen, found.code[loose])
     return replace(
         found.calibration, covariance=covariance, labels=labels, point_code=found.code[loose],
         point_mm=found.xyz_mm[loose],
@@ -127,12 +143,13 @@ def free_network(
     focal_px: float | None = None,
     empirical: bool = False,
     notes: list[str] | None = None,
+    smooth: bool | LensMisfit = True,
 ) -> FreeNetwork:
     """Camera, stations and points from the sights of numbered points.
 
     `hold` names lens coefficients that are held at zero; `focal_px` is a first guess, not needed; `empirical` widens
-    all covariances where observations scatter more than they claim. Raises `TestfieldError` where no group of images
-    is joined, or nothing can be oriented.
+    all covariances where observations scatter more than they claim; `smooth` as in `settle.settled`. Raises
+    `TestfieldError` where no group of images is joined, or nothing can be oriented.
     """
     said = list(notes or [])
     interior_names = Interior(width_px, height_px, np.zeros(0), lens).names
@@ -156,6 +173,8 @@ def free_network(
         )  # fmt: skip
     images_of = dict(zip(ties.code.tolist(), np.bincount(ties.point, minlength=len(ties.code)).tolist(), strict=True))
     ties = _of_images(ties, group)
+    common = np.bincount(ties.image, weights=(np.bincount(ties.point) > 1)[ties.point], minlength=len(ties.stations))
+    shared = dict(zip(ties.stations, common.astype(int).tolist(), strict=True))
     start = start_from_nothing(ties, width_px, height_px, lens, focal_px)
     for i in np.flatnonzero(~start.reached):
         said.append(f"image '{ties.stations[i]}' cannot be joined to the others and is left out")
@@ -164,26 +183,87 @@ def free_network(
     network = loose_network(ties, start.interior, poses, points, camera)
     network, _ = free_what_is_determined(network, ties.stations, hold)
     datum = in_datum(network, ties, certified or Certified(), images_of)
-    job = Job(datum.network, ties, datum.radius_mm, datum.scale_from, (), tuple(said) + datum.notes)
-    return settled(job, hold, empirical)
+    job = Job(
+        datum.network, ties, datum.radius_mm, datum.scale_from, (), tuple(said) + datum.notes, datum.usable, shared
+    )
+    return settled(job, hold, empirical, smooth)
 
 
-def settled(job: Job, hold: tuple[str, ...], empirical: bool) -> FreeNetwork:
-    """The final adjustment of a job: gross errors rejected, discs at rest, the lens asked once more."""
-    job, adjustment = _settle(job)
+def settled(job: Job, hold: tuple[str, ...], empirical: bool, smooth: bool | LensMisfit = True) -> FreeNetwork:
+    """The final adjustment of a job: gross errors rejected, discs at rest, the lens asked once more.
+
+    The images decide alone on their observations and on what the lens model does not follow, so that no wrong
+    certificate costs any; then on the certificates.
+    """
+    alone = without_certificates(without_misfit(job.network), job.ties, job.certified)
+    first = replace(job, network=alone)
+    job, adjustment = _settle(first)
     network, lens_notes = free_what_is_determined(job.network, job.ties.stations, hold)
-    job, adjustment = _settle(replace(job, network=network))
-    notes = [*job.notes, *lens_notes, *_doubts(job, adjustment)]
+    bare, adjustment = _settle(replace(job, network=network))
+    misfit = None
+    if smooth:
+        misfit, bare, adjustment = _followed(first, bare, adjustment, smooth)
+    held = tested(adjustment, bare.ties, bare.certified, bare.scale_from)
+    job = replace(bare, scale_from=held.scale_from)
+    if held.bars or held.known:
+        network, radius_mm = attached(bare.network, bare.ties, bare.radius_mm, held, bare.certified)
+        job, adjustment = _settle(replace(job, network=network, radius_mm=radius_mm), reject=False)
+    if held.known:  # places in space may tell of the lens what images of a plane do not
+        network, lens_notes = free_what_is_determined(without_misfit(job.network), job.ties.stations, hold)
+        network = _with_misfit(job, network, misfit) if misfit else network
+        job, adjustment = _settle(replace(job, network=network), reject=False)
+    notes = [*job.notes, *lens_notes, *held.notes, *_doubts(job, adjustment)]
+    if misfit:
+        notes.append(misfit.note)
     test, factor = global_test(adjustment), 1.0
-    if empirical and test.variance > max(test.high, 1.0):
+    if (empirical or misfit) and test.variance > max(test.high, 1.0):
         factor = test.variance
-        notes.append(
-            f"observations scatter {np.sqrt(factor):.2f} times as much as detection claims; all uncertainties are "
-            "those of their scatter"
-        )
+        notes.append(scatter_note(factor))
         widened = replace(adjustment.network, cov_px2=factor * adjustment.network.cov_px2)
         adjustment = adjust(widened, job.labels)
-    return _result(job, adjustment, tuple(notes), np.sqrt(factor))
+    again = replace(job.network.cameras[0], u=bare.network.cameras[0].u, u_aspect=bare.network.cameras[0].u_aspect)
+    job = replace(job, network=replace(job.network, cameras=(again,)))
+    found = _result(job, adjustment, tuple(notes), np.sqrt(factor), held)
+    return replace(found, calibration=replace(found.calibration, misfit=misfit.card if misfit else {}))
+
+
+def _followed(
+    first: Job, job: Job, adjustment: Adjustment, smooth: bool | LensMisfit
+) -> tuple[LensMisfit | None, Job, Adjustment]:
+    """What the lens model does not follow, and everything settled again with it, beginning with all observations of the
+    `first` job: those that the lens model alone had turned down may be good. Asked again where some are turned down
+    then."""
+    misfit, freedom = None, adjustment.freedom
+    for _ in range(MISFIT_ROUNDS):
+        given = smooth if isinstance(smooth, LensMisfit) else None
+        seen = given or lens_misfit(job.network, job.labels, freedom)
+        if seen is None:
+            break
+        misfit = seen
+        before = job
+        there = _with_misfit(job, job.network, misfit)
+        job, adjustment = _settle(_begun_again(first, replace(job, network=there)))
+        freedom = adjustment.freedom  # the amounts of the field are unknowns, and known before: they count for nothing
+        if given or len(job.rejected) == len(before.rejected):
+            break
+    return misfit, job, adjustment
+
+
+def _with_misfit(job: Job, network: Network, misfit: LensMisfit) -> Network:
+    return with_misfit(network, misfit, lambda wide: replace(job, network=wide).labels)
+
+
+def _begun_again(first: Job, job: Job) -> Job:
+    """The `first` job at what was found since."""
+    network, found = first.network, job.network
+    stations, points = network.stations, network.point_mm.copy()
+    R, t = stations.R.copy(), stations.t_mm.copy()
+    place = {name: k for k, name in enumerate(first.ties.stations)}
+    here = [place[name] for name in job.ties.stations]
+    R[here], t[here] = found.stations.R, found.stations.t_mm
+    place_of = {int(code): k for k, code in enumerate(first.ties.code)}
+    points[[place_of[int(code)] for code in job.ties.code]] = found.point_mm
+    return replace(first, network=replace(network, cameras=found.cameras, stations=Poses(R, t), point_mm=points))
 
 
 def _doubts(job: Job, adjustment: Adjustment) -> list[str]:
@@ -193,7 +273,8 @@ def _doubts(job: Job, adjustment: Adjustment) -> list[str]:
     labels = job.labels
     normal = adjustment.equations.reduced(0.0)[0]
     inverse = Factor(normal, labels, open_motions(adjustment.network)[0]).solve(np.eye(len(normal)))
-    notes += weak_unknowns(inverse, labels)
+    own = [k for k, label in enumerate(labels) if not label.startswith(MODE)]
+    notes += weak_unknowns(inverse[np.ix_(own, own)], [labels[k] for k in own])
     rays = np.bincount(adjustment.network.point, minlength=len(job.ties.code))
     two = np.flatnonzero(rays == LEAST_RAYS)
     if len(two):
@@ -201,9 +282,9 @@ def _doubts(job: Job, adjustment: Adjustment) -> list[str]:
     return notes
 
 
-def _result(job: Job, adjustment: Adjustment, notes: tuple[str, ...], misfit: float) -> FreeNetwork:
+def _result(job: Job, adjustment: Adjustment, notes: tuple[str, ...], misfit: float, held: Tested) -> FreeNetwork:
     network, ties = adjustment.network, job.ties
-    labels = job.labels
+    labels = replace(job, network=network).labels
     index = np.arange(len(labels) - 3 * len(network.kept_points))
     seen = network.seen_points
     size2 = (adjustment.residual_px**2).sum(axis=1)
@@ -216,8 +297,11 @@ def _result(job: Job, adjustment: Adjustment, notes: tuple[str, ...], misfit: fl
         "self", network.interior, ties.stations, network.stations, (), Poses.identity(0), 1.0,
         adjustment.covariance[np.ix_(index, index)], tuple(labels[: len(index)]), adjustment.sigma0 * misfit,
         adjustment.freedom, float(np.sqrt(size2.mean())), len(network.xy_px), job.rejected, network.xy_px,
-        adjustment.residual_px, (), notes,
+        adjustment.residual_px, (), notes, test=residual_test(adjustment), certificates=held.records,
+        failures=(*held.failures, *lost_images(job.shared, ties.stations, 2 * LEAST_COMMON)),
     )  # fmt: skip
+    ends = {code: bar.name for bar in job.certified.bars for code in bar.codes}
+    calibration = of_ties(calibration, network.image, ties.code[network.point], ends)
     return FreeNetwork(
         calibration, ties.code[seen], network.point_mm[seen], adjustment.cov.points(seen), rays[seen], rms[seen],
         np.array([turned_down[int(c)] for c in ties.code[seen]], int), job.scale_from, job, adjustment,
@@ -362,7 +446,7 @@ def _why_held(group: tuple[str, ...], worse: list[str], u: dict[str, float], hel
 
 
 # ------------------------------------------------------------------ outliers, discs, and what is left
-def _settle(job: Job) -> tuple[Job, Adjustment]:
+def _settle(job: Job, reject: bool = True) -> tuple[Job, Adjustment]:
     """Adjust until nothing is rejected any more and the discs' offsets stand still."""
     job = _offset(job)
     for _ in range(ROUNDS):
@@ -372,7 +456,7 @@ def _settle(job: Job) -> tuple[Job, Adjustment]:
         size = size / max(float(np.median(size)) / 1.1774, 1.0)
         limit = np.sqrt(chi_squared.ppf(1 - FALSE_ALARM / len(size), 2))
         # A bad sight drags its neighbours along: only the worst go in one round.
-        bad = (size > limit) & (size > 0.5 * size.max())
+        bad = (size > limit) & (size > 0.5 * size.max()) & reject
         if bad.any():
             job = _without(job, bad, size)
             job = _offset(job)
@@ -409,15 +493,16 @@ def _without(job: Job, bad: np.ndarray, size: np.ndarray) -> Job:
     number[which] = np.arange(len(which))
     ends = number[network.distances.ends]
     whole = (ends >= 0).all(axis=1)
-    if not whole.all():
-        said.append(f"{int((~whole).sum())} distance(s) lost an end to rejected observations and are left out")
     network = replace(
         loose_network(ties, network.interior, poses, points, network.cameras[0]),
         known_mm=network.known_mm[which], information=network.information[which],
         distances=Distances(ends[whole], network.distances.length_mm[whole], network.distances.u_mm[whole]),
         images=Images.one_camera(len(stations)),
     )  # fmt: skip
-    return Job(network, ties, job.radius_mm[which], job.scale_from, job.rejected + tuple(records), tuple(said))
+    return replace(
+        job, network=network, ties=ties, radius_mm=job.radius_mm[which], rejected=job.rejected + tuple(records),
+        notes=tuple(said),
+    )  # fmt: skip
 
 
 def _of_images(ties: Ties, images: np.ndarray) -> Ties:

@@ -16,7 +16,7 @@ from testfield.calibrate.ties import LEAST_COMMON, Ties
 from testfield.camera.interior import Interior
 from testfield.camera.lens import MODELS
 from testfield.camera.pose import Poses
-from testfield.camera.project import directions, project_camera
+from testfield.camera.project import plane_of, project_camera
 from testfield.camera.rays import meet_all
 from testfield.errors import TestfieldError
 
@@ -114,7 +114,7 @@ def start_from_nothing(ties: Ties, width_px: int, height_px: int, lens: str, foc
 
 def _directions(interior: Interior, views: _Views) -> np.ndarray:
     """(I, n, 2) places on the plane before the lens, NaN where the lens does not reach."""
-    return directions(interior, views.xy_px)[..., :2]
+    return plane_of(interior, views.xy_px)
 
 
 def _best_pairs(interior: Interior, views: _Views) -> list[tuple[int, int]]:

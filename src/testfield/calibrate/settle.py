@@ -7,9 +7,20 @@ import numpy as np
 from testfield.adjust.bundle import Adjustment, adjust
 from testfield.adjust.network import Camera, Distances, Network, information_of
 from testfield.adjust.normals import target_normals
+from testfield.adjust.reliability import global_test, reliability
 from testfield.calibrate.doubts import geometric_doubts
+from testfield.calibrate.lens_misfit import LensMisfit, lens_misfit, with_misfit
+from testfield.calibrate.sheets import (
+    FEW,
+    SHAPE,
+    Suspect,
+    loosened,
+    stretch,
+    suspect,
+    tested_bars,
+    without_suspect,
+)
 from testfield.calibrate.start import Start
-from testfield.calibrate.units import bars_of_one_unit
 from testfield.camera.circle import disc_image
 from testfield.camera.project import project
 from testfield.camera.rays import meet
@@ -18,35 +29,131 @@ from testfield.errors import TestfieldError
 
 REJECT_SIGMA = 6.0
 """An observation is rejected whose residual is larger than this many of its own standard deviations."""
+LOST = 0.5
+"""Part of an image's observations the loss of which leaves nothing to believe of it."""
+LEAST_STRETCH = 1e-4
+"""Part by which a sheet's spacing must be off to be called so."""
 ROUNDS = 12
+MISFIT_ROUNDS = 3
 SETTLED_PX = 1e-7
 
 
 @dataclass(frozen=True)
 class Settled:
-    """An adjustment, the records of observations `rejected` on the way, `notes` for the reader."""
+    """An adjustment, the records of observations `rejected` on the way, `notes` for the reader; the `left` of the
+    start's observations (an index); `certificates` tested and `failures` as in `Calibration`; the `misfit` of the lens
+    that is in it, if any, and the factor by which all observed covariances were `widened`. Where a board's sheet is
+    `wrong` (its place in the start), or a `lost` image contradicts the others, all must begin again without it."""
 
     adjustment: Adjustment
     rejected: list[dict]
     notes: list[str]
+    left: np.ndarray
+    certificates: tuple[dict, ...] = ()
+    failures: tuple[str, ...] = ()
+    wrong: int | None = None
+    lost: int | None = None
+    misfit: LensMisfit | None = None
+    widened: float = 1.0
+
+    @property
+    def begin_again(self) -> bool:
+        """Whether a board or an image must be left out first."""
+        return self.wrong is not None or self.lost is not None
 
 
-def settled(start: Start, rows: Observations) -> Settled:
+def settled(start: Start, rows: Observations, empirical: bool = False, smooth: bool | LensMisfit = True) -> Settled:
     """Adjust a start: coarsely, then with everything, until nothing is rejected and the discs' offsets stand still.
 
-    Where the observations do not determine an unknown, the `TestfieldError` says which geometry is to blame.
+    What residuals show that the lens model does not follow is adjusted too, unless not `smooth`, or the field that is
+    given there; it is asked before a sheet or an image is called wrong. Bars come last: they are tested against what
+    images and sheets made of them. `empirical` widens all covariances where observations scatter more than they claim;
+    where the lens model fails they are widened anyway. Where the observations do not determine an unknown, the
+    `TestfieldError` says which geometry is to blame.
     """
-    notes: list[str] = []
     discs = _Discs(rows.moments_px2[start.rows], start.radius_mm) if rows.centre_of_disc else None
     try:
         coarse = _coarse(start.network)
         found = adjust(coarse, coarse.labels(start.stations, start.boards))
-        network = bars_of_one_unit(_refined(start.network, found.network), start.bars, notes)
-        adjustment, rejected, doubts = _settle(network, discs, start)
+        network = replace(_refined(start.network, found.network), distances=Distances())
+        answer = _settle(network, discs, start, rows)
+        misfit, answer = _followed(answer, network, discs, start, rows, smooth) if smooth else (None, answer)
+        if answer.begin_again:
+            return answer
+        if misfit:
+            answer = replace(answer, misfit=misfit, notes=[*answer.notes, misfit.note])
+        if len(start.network.distances):
+            answer = _with_bars(answer, discs, start)
+        return _widened(answer, start) if empirical or misfit else answer
     except TestfieldError as error:
         reasons = geometric_doubts(start.network, start.stations, start.boards)
-        raise TestfieldError("; ".join([error.what, *notes, *reasons]), error.where, error.do) from error
-    return Settled(adjustment, rejected, notes + doubts)
+        raise TestfieldError("; ".join([error.what, *reasons]), error.where, error.do) from error
+    except np.linalg.LinAlgError as error:
+        reasons = geometric_doubts(start.network, start.stations, start.boards)
+        raise TestfieldError(
+            "; ".join(["the adjustment does not come to rest", *reasons]),
+            do="look at the sheets, the numbers, the images",
+        ) from error
+
+
+def scatter_note(factor: float) -> str:
+    """What is said where covariances were multiplied by a factor."""
+    return (
+        f"observations scatter {np.sqrt(factor):.2f} times as much as detection claims; all uncertainties are "
+        "those of their scatter"
+    )
+
+
+def _followed(
+    last: Settled,
+    network: Network,
+    discs: "_Discs | None",
+    start: Start,
+    rows: Observations,
+    smooth: bool | LensMisfit,
+) -> tuple[LensMisfit | None, Settled]:
+    """What the lens model does not follow, and everything settled again with it, beginning with all observations:
+    those that the lens model alone had turned down may be good. Asked again where some are turned down then."""
+    misfit, freedom = None, last.adjustment.freedom
+    for _ in range(MISFIT_ROUNDS):
+        found = last.adjustment.network
+        given = smooth if isinstance(smooth, LensMisfit) else None
+        seen = given or lens_misfit(found, found.labels(start.stations, start.boards), freedom)
+        if seen is None:
+            return misfit, last
+        misfit = seen
+        found = with_misfit(found, misfit, lambda wide: wide.labels(start.stations, start.boards))
+        there = replace(
+            network, cameras=found.cameras, stations=found.stations, boards=found.boards,
+            scale=found.scale, point_mm=found.point_mm,
+        )  # fmt: skip
+        before, last = last, _settle(there, discs, start, rows)
+        freedom = last.adjustment.freedom  # the amounts of the field are unknowns, and known before
+        if given or last.begin_again or (len(before.rejected) == len(last.rejected) and not before.begin_again):
+            break
+    return misfit, last
+
+
+def _with_bars(answer: Settled, discs: "_Discs | None", start: Start) -> Settled:
+    """The answer with those control bars that agree with it."""
+    bars = tested_bars(answer.adjustment, start.network.distances, start.bars)
+    adjustment, doubts = _at_rest(bars.network, discs.take(answer.left) if discs else None, start)
+    return replace(
+        answer, adjustment=adjustment, certificates=(*answer.certificates, *bars.records),
+        failures=(*answer.failures, *bars.failures), notes=[*answer.notes, *bars.notes, *doubts],
+    )  # fmt: skip
+
+
+def _widened(answer: Settled, start: Start) -> Settled:
+    """The answer with covariances of the observations' scatter where that is larger than claimed."""
+    test = global_test(answer.adjustment)
+    if not test.variance > max(test.high, 1.0):
+        return answer
+    network = answer.adjustment.network
+    wider = replace(network, cov_px2=test.variance * network.cov_px2)
+    adjustment = adjust(wider, network.labels(start.stations, start.boards))
+    notes = [*answer.notes, scatter_note(test.variance)]
+    return replace(answer, adjustment=adjustment, notes=notes, widened=test.variance)
 
 
 class _Discs:
@@ -77,13 +184,19 @@ class _Discs:
         return offset
 
 
-def _settle(network: Network, discs: _Discs | None, start: Start) -> tuple[Adjustment, list[dict], list[str]]:
+def _settle(network: Network, discs: _Discs | None, start: Start, rows: Observations) -> Settled:
     """Adjust until nothing is rejected any more and the discs' offsets stand still.
 
-    What is returned is always the adjustment of exactly the observations that remain.
+    Sheets are asked before pixels: what misses the rest more is called wrong. What is returned is always the adjustment
+    of exactly the observations that remain.
     """
     labels = network.labels(start.stations, start.boards)
+    names = _names(start, rows)
     rejected: list[dict] = []
+    records: list[dict] = []
+    notes: list[str] = []
+    left = np.arange(len(network.point))
+    most = max(4, FEW * np.bincount(network.point_board[network.point_board >= 0]).max(initial=0))
     for _ in range(ROUNDS):
         if discs:
             network = replace(network, offset_px=discs.offsets(network))
@@ -92,22 +205,130 @@ def _settle(network: Network, discs: _Discs | None, start: Start) -> tuple[Adjus
         size = _residual_sizes(adjustment)
         # A bad point drags its neighbours along: only residuals near the worst go in one round.
         bad = (size > REJECT_SIGMA) & (size > 0.3 * size.max())
+        doubtful = _wrong_sheet(adjustment, labels, start, names)
+        if doubtful:
+            before = sum(len(r["marks"]) for r in records if r["board"] == doubtful.board)
+            named = ", ".join(names[k] for k in doubtful.marks)
+            name = f"{f'{named} of ' if named else ''}board '{start.boards[doubtful.board]}'"
+            sigmas = float(np.sqrt(doubtful.value))
+            records.append({"board": doubtful.board, "marks": doubtful.marks, "name": name, "sigmas": sigmas})
+            many = before + len(doubtful.marks) > most
+            if not doubtful.pose and (many or not doubtful.marks):
+                return _without_board(adjustment, doubtful, start, left, many)
+            notes.append(f"{doubtful.said}: not used")
+            network = without_suspect(network, doubtful)
+            continue
         if not bad.any() and (
             discs is None or np.allclose(discs.offsets(network), network.offset_px, rtol=0, atol=SETTLED_PX)
         ):
-            return adjustment, rejected, _doubts(adjustment)
+            return Settled(adjustment, rejected, notes + _doubts(adjustment), left, _said_of(records))
+        lost = _lost_image(start, left, bad, network)
+        if lost is not None:
+            return Settled(adjustment, [], [], left, lost=lost)
         for k in np.flatnonzero(bad):
             owner = network.point_board[network.point[k]]
             board = start.boards[owner] if owner >= 0 else ""
             x, y = (float(v) for v in network.xy_px[k])
             station = start.stations[network.image[k]]
             why = f"residual beyond {REJECT_SIGMA:g} standard deviations"
+            code = int(rows.code[start.rows[left[k]]])
             rejected.append(
                 {"station": station, "board": board, "x_px": x, "y_px": y, "sigmas": float(size[k]), "why": why}
+                | {"code": code, "point": int(rows.point[start.rows[left[k]]])}
             )
-        network, discs = network.take(~bad), discs.take(~bad) if discs else None
+        network, discs, left = network.take(~bad), discs.take(~bad) if discs else None, left[~bad]
     adjustment = adjust(network, labels)
-    return adjustment, rejected, ["the rejection of outliers had not come to rest", *_doubts(adjustment)]
+    notes += ["the rejection of outliers had not come to rest", *_doubts(adjustment)]
+    return Settled(adjustment, rejected, notes, left, _said_of(records))
+
+
+def _lost_image(start: Start, left: np.ndarray, bad: np.ndarray, network: Network) -> int | None:
+    """The image that loses most of its observations, if one does while the others keep theirs: it is misnumbered, or by
+    another camera, and what of it would agree agrees by chance."""
+    images = len(start.stations)
+    if images < 3:
+        return None
+    whole = np.bincount(start.network.image, minlength=images)
+    kept = np.bincount(network.image[~bad], minlength=images)
+    share = 1 - kept / np.maximum(whole, 1)
+    worst = int(np.argmax(share))
+    others = np.delete(np.arange(images), worst)
+    rate = 1 - kept[others].sum() / max(whole[others].sum(), 1)
+    return worst if share[worst] > LOST and rate < LOST / 2 else None
+
+
+def _at_rest(network: Network, discs: _Discs | None, start: Start) -> tuple[Adjustment, list[str]]:
+    """The adjustment of a network from which nothing more is rejected."""
+    labels = network.labels(start.stations, start.boards)
+    for _ in range(ROUNDS):
+        adjustment = adjust(network, labels)
+        network = adjustment.network
+        offset = discs.offsets(network) if discs else network.offset_px
+        if np.allclose(offset, network.offset_px, rtol=0, atol=SETTLED_PX):
+            break
+        network = replace(network, offset_px=offset)
+    return adjustment, _doubts(adjustment)
+
+
+def _wrong_sheet(adjustment: Adjustment, labels: list[str], start: Start, names: list[str]) -> Suspect | None:
+    """What of the sheets misses the rest by more than any observation does."""
+    white = _residual_sizes(adjustment, scaled=False)
+    typical = max(float(np.median(white)) / 1.1774, 1.0)
+    test = global_test(adjustment)
+    loose = adjustment
+    if test.variance > test.high or white.max(initial=0) > REJECT_SIGMA * typical:
+        loose = adjust(loosened(adjustment.network), labels)
+    found = suspect(loose, start.boards, names, typical)
+    if found is None or (len(start.boards) < 2 and not found.marks):
+        return None
+    worst = float(reliability(loose).test.max(initial=0)) / typical
+    return found if found.value - found.rank > worst**2 - 2 else None
+
+
+def _without_board(adjustment: Adjustment, found: Suspect, start: Start, left: np.ndarray, many: bool) -> Settled:
+    """What is said of a board whose sheet is wrong."""
+    network, name = adjustment.network, start.boards[found.board]
+    said = f"the sheet of board '{name}' does not fit it ({np.sqrt(found.value):.3g} standard deviations)"
+    *factors, alike = stretch(network, found.board, network.labels(start.stations, start.boards))
+    shape = " and ".join(
+        f"in {axis} {100 * (f - 1):+.2g} %" for axis, f in zip("xy", factors, strict=True) if abs(f - 1) > LEAST_STRETCH
+    )
+    if shape and alike > SHAPE:
+        said += f": its spacing is off {shape}"
+    elif many:
+        said += ": many of its marks lie elsewhere (are they numbered or placed as on the sheet?)"
+    if found.alike is not None:
+        said += (
+            f"; nothing decides between it and board '{start.boards[found.alike]}', which comes first on the field's "
+            "sheet and is believed"
+        )
+    record = {"certificate": start.boards[found.board], "kind": "sheet", "sigmas": float(np.sqrt(found.value)),
+              "off": None, "used": False, "contradicts": []}  # fmt: skip
+    return Settled(adjustment, [], [], left, (record,), (f"{said}: the board is left out",), found.board)
+
+
+def _said_of(records: list[dict]) -> tuple[dict, ...]:
+    """Records of marks and poses that were found wrong."""
+    return tuple(
+        {
+            "certificate": r["name"],
+            "kind": "mark" if r["marks"] else "pose",
+            "sigmas": r["sigmas"],
+            "off": None,
+            "used": False,
+            "contradicts": [],
+        }
+        for r in records
+    )
+
+
+def _names(start: Start, rows: Observations) -> list[str]:
+    """(n,) what a reader calls the points."""
+    names = [""] * len(start.network.point_mm)
+    for k, row in zip(start.network.point, start.rows, strict=True):
+        code = int(rows.code[row])
+        names[k] = f"code {code}" if code > 0 else f"mark {int(rows.point[row])}"
+    return names
 
 
 def _doubts(adjustment: Adjustment) -> list[str]:
@@ -136,9 +357,11 @@ def _refined(network: Network, coarse: Network) -> Network:
     return replace(network, cameras=cameras, stations=coarse.stations, boards=coarse.boards, point_mm=points)
 
 
-def _residual_sizes(adjustment: Adjustment) -> np.ndarray:
-    """(m,) residuals in units of their standard deviations, those of the adjustment's overall misfit."""
+def _residual_sizes(adjustment: Adjustment, scaled: bool = True) -> np.ndarray:
+    """(m,) residuals in units of their standard deviations, those of the adjustment's overall misfit where `scaled`."""
     white = np.linalg.solve(np.linalg.cholesky(adjustment.network.cov_px2), adjustment.residual_px[..., None])[..., 0]
     size = np.linalg.norm(white, axis=1)
+    if not scaled:
+        return size
     typical = np.median(size) / 1.1774  # the median length of a standard normal vector in the plane
     return size / max(typical, 1.0)

@@ -18,7 +18,8 @@ from testfield.adjust.network import (
 )
 from testfield.calibrate.edges import Edges, board_edges
 from testfield.calibrate.graph import given_poses, groups_apart, spanning_poses
-from testfield.calibrate.homography import focal_length, plane_pose
+from testfield.calibrate.homography import focal_length, image_middle, plane_pose
+from testfield.calibrate.lens_start import lens_start
 from testfield.calibrate.units import boards_of_one_unit, dots_fit_their_spacing
 from testfield.camera.interior import Interior
 from testfield.camera.pose import Poses, rotation
@@ -44,8 +45,8 @@ class Start:
     """A network with starting values, and what belongs to it.
 
     `rows` (m,) which observations it uses; `radius_mm` (n,) of its points' discs, 0 of corners; names of its `stations`
-    and `boards`; `bars` names of its distances; `graph` edges (station, board, marks); `gross` rows that were misread;
-    `notes` for the reader.
+    and `boards`; `bars` names of its distances; `graph` edges (station, board, marks); `why` (n,) observations were
+    left out ("" of the others); `notes` for the reader.
     """
 
     network: Network
@@ -55,7 +56,7 @@ class Start:
     boards: tuple[str, ...]
     bars: tuple[str, ...]
     graph: tuple[tuple[str, str, int], ...]
-    gross: np.ndarray
+    why: np.ndarray
     notes: list[str]
 
 
@@ -78,24 +79,28 @@ def starting_network(
     guess: Guess = from_homographies,
     least_stations: int = 2,
     given: bool = False,
+    left_out: frozenset[int] = frozenset(),
 ) -> Start:
     """The network of all boards and stations that a chain of images joins to the first board that was seen.
 
     `hold` names coefficients kept at zero, `fixed` parameters kept as guessed. `given`: the boards' poses that the
-    sheet certifies join boards too, and are known with their uncertainty; its first board is then the datum. Raises
+    sheet certifies join boards too, and are known with their uncertainty; its first board is then the datum. Boards
+    that are `left_out` (numbers on the sheet) take no part. Raises
     `TestfieldError` where no board, or too little of them, was seen.
     """
     interior, free = _first_camera(width_px, height_px, lens, hold, fixed)
-    notes: list[str] = []
-    told: set[int] = set()
-    edges, gross = board_edges(rows, field)
+    told: set[int] = set(left_out)
+    edges, why, notes = board_edges(rows, field, interior.parameters[2:4])
+    edges = edges.take(~np.isin(edges.board, sorted(left_out)))
     focal, camera_from_board = guess(edges, rows, field, interior.parameters[2:4])
     if len(field.boards) > 1:
         keep = boards_of_one_unit(edges, camera_from_board, field, notes)
-        told = {int(b) for b in edges.board[~keep]}
+        told |= {int(b) for b in edges.board[~keep]}
         edges, camera_from_board = edges.take(keep), camera_from_board[keep]
     sizes = dots_fit_their_spacing(edges, rows, field, notes)
-    interior = interior.with_parameters(np.array([focal, focal, *interior.parameters[2:]]))
+    interior = lens_start(
+        interior.with_parameters(np.array([focal, focal, *interior.parameters[2:]])), free, edges.lens
+    )
 
     placed = _placed(edges, camera_from_board, rows, field, given, told, notes)
     boards, stations = placed.boards, placed.stations
@@ -105,7 +110,7 @@ def starting_network(
             else "fewer than two stations see a board well enough", do="add stations",
         )  # fmt: skip
     has_station = np.isin(np.arange(len(rows.stations)), stations)
-    usable = has_station[rows.station] & ~gross
+    usable = has_station[rows.station] & (why == "")
     points = _board_points(field, boards, sizes)
     point = np.full(len(rows), -1)
     index = np.full(len(field.boards), -1)
@@ -140,7 +145,7 @@ def starting_network(
     )
     return Start(
         network, used, np.concatenate([points.radius, bars.radius]), tuple(rows.stations[s] for s in stations),
-        tuple(field.boards[b].name for b in boards), bars.names, graph, np.flatnonzero(gross), notes,
+        tuple(field.boards[b].name for b in boards), bars.names, graph, why, notes,
     )  # fmt: skip
 
 
@@ -148,8 +153,9 @@ def _first_camera(
     width_px: int, height_px: int, lens: str, hold: tuple[str, ...], fixed: tuple[str, ...]
 ) -> tuple[Interior, np.ndarray]:
     """A pinhole in the middle of the image, focal length 1, and which of its parameters are unknown."""
-    middle = [(width_px - 1) / 2, (height_px - 1) / 2]
-    interior = Interior(width_px, height_px, np.array([1.0, 1.0, *middle, *PINHOLE_LIKE[lens]]), lens)
+    interior = Interior(
+        width_px, height_px, np.array([1.0, 1.0, *image_middle(width_px, height_px), *PINHOLE_LIKE[lens]]), lens
+    )
     unknown = sorted(set(hold) - set(interior.names[4:]))
     if unknown:
         raise TestfieldError(

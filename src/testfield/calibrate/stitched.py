@@ -1,10 +1,10 @@
 """Stitched sub-boards: homographies, the graph of images and boards, one bundle (METHODS section 4)."""
 
 from testfield.calibrate.calibration import Calibration
-from testfield.calibrate.finish import finished
+from testfield.calibrate.finish import calibrated
+from testfield.calibrate.lens_misfit import LensMisfit
 from testfield.calibrate.rows import usable_rows
-from testfield.calibrate.settle import settled
-from testfield.calibrate.start import starting_network
+from testfield.calibrate.start import Start, starting_network
 from testfield.detect.observations import Observations
 from testfield.errors import TestfieldError
 from testfield.registry import register
@@ -19,16 +19,22 @@ def stitched(
     height_px: int,
     lens: str = "brown",
     hold: tuple[str, ...] = (),
+    empirical: bool = False,
+    smooth: bool | LensMisfit = True,
 ) -> Calibration:
     """Sub-boards of unknown pose joined through their coded targets, in one bundle.
 
     Calibrates the `lens` model named, its parameters named in `hold` kept at zero, from what detection measured and the
-    field's sheet; no starting values are needed. Raises `TestfieldError` where no board, or too little of them, was
+    field's sheet; no starting values are needed. `empirical` widens all covariances where observations scatter more
+    than they claim; `smooth` as in `settle.settled`. Raises `TestfieldError` where no board, or too little of them, was
     seen, and where the observations do not determine a parameter.
     """
     rows, turned_down, notes = usable_rows(observations, field)
-    start = starting_network(rows, field, width_px, height_px, lens, hold)
-    return finished("stitched", settled(start, rows), start, rows, field, turned_down, notes)
+
+    def begin(rows: Observations, left_out: frozenset[int]) -> Start:
+        return starting_network(rows, field, width_px, height_px, lens, hold, left_out=left_out)
+
+    return calibrated("stitched", begin, rows, field, turned_down, notes, empirical, smooth)
 
 
 @register("calibrators", "stitched_given")
@@ -51,5 +57,8 @@ def stitched_given(
             "give each board a pose, in a scene by [certified_poses], or use 'stitched'",
         )  # fmt: skip
     rows, turned_down, notes = usable_rows(observations, field)
-    start = starting_network(rows, field, width_px, height_px, lens, hold, given=True)
-    return finished("stitched_given", settled(start, rows), start, rows, field, turned_down, notes)
+
+    def begin(rows: Observations, left_out: frozenset[int]) -> Start:
+        return starting_network(rows, field, width_px, height_px, lens, hold, given=True, left_out=left_out)
+
+    return calibrated("stitched_given", begin, rows, field, turned_down, notes)

@@ -4,10 +4,9 @@ import numpy as np
 
 from testfield.calibrate.calibration import Calibration
 from testfield.calibrate.edges import Edges
-from testfield.calibrate.finish import finished
+from testfield.calibrate.finish import calibrated
 from testfield.calibrate.rows import usable_rows
-from testfield.calibrate.settle import settled
-from testfield.calibrate.start import starting_network
+from testfield.calibrate.start import Start, starting_network
 from testfield.camera.pose import Poses, nearest_rotation
 from testfield.detect.observations import Observations
 from testfield.errors import TestfieldError
@@ -39,10 +38,14 @@ def tsai(
         "Tsai's camera: principal point held in the image's middle, k1 alone; the covariance takes both as true"
     )
     held = ("k2", "k3", "p1", "p2", *(name for name in hold if name == "k1"))
-    start = starting_network(
-        rows, field, width_px, height_px, "brown", held, fixed=("cx", "cy"), guess=by_radial_alignment, least_stations=1
-    )
-    return finished("tsai", settled(start, rows), start, rows, field, turned_down, notes)
+
+    def begin(rows: Observations, left_out: frozenset[int]) -> Start:
+        return starting_network(
+            rows, field, width_px, height_px, "brown", held, fixed=("cx", "cy"), guess=by_radial_alignment,
+            least_stations=1, left_out=left_out,
+        )  # fmt: skip
+
+    return calibrated("tsai", begin, rows, field, turned_down, notes, smooth=False)
 
 
 def by_radial_alignment(edges: Edges, rows: Observations, field: Field, middle_px: np.ndarray) -> tuple[float, Poses]:
@@ -50,7 +53,7 @@ def by_radial_alignment(edges: Edges, rows: Observations, field: Field, middle_p
     R, sideways, planes, pixels = [], [], [], []
     for e in range(len(edges)):
         plane = field.boards[edges.board[e]].marks.xy_mm[rows.point[edges.rows[e]]]
-        pixel = rows.xy_px[edges.rows[e]] - middle_px
+        pixel = edges.lens.straight(rows.xy_px[edges.rows[e]]) - middle_px
         turn, shift = _aligned(plane, pixel)
         R.append(turn)
         sideways.append(shift)

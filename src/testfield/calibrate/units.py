@@ -1,10 +1,7 @@
-"""Sheets in another unit than the rest: boards against each other, dots against their spacing, bars against boards."""
-
-from dataclasses import replace
+"""Sheets in another unit than the rest: boards against each other, dots against their spacing."""
 
 import numpy as np
 
-from testfield.adjust.network import Distances, Network
 from testfield.calibrate.edges import Edges
 from testfield.camera.pose import Poses
 from testfield.detect.observations import Observations
@@ -14,8 +11,6 @@ TOO_FAR = 1.5
 """A ratio of lengths beyond which no lens and no rough pose explains it."""
 DOTS_TOO_FAR = 5.0
 """The same of dots against their spacing: blur and paint change sizes, but no unit is nearer to another."""
-BAR_TOO_FAR = 1.05
-"""The same of a bar against adjusted boards."""
 LEAST_BASE = 0.05
 """A base between two stations, over their distances to the board, from which it says something of the scale."""
 UNITS = ((1000.0, "metres"), (25.4, "inches"), (10.0, "centimetres"), (304.8, "feet"), (0.001, "micrometres"))
@@ -57,12 +52,9 @@ def dots_fit_their_spacing(edges: Edges, rows: Observations, field: Field, notes
         if sheet.has_corners:
             continue
         here = edges.rows[e]
-        xy = np.column_stack([sheet.marks.xy_mm[rows.point[here]], np.ones(len(here))])
-        depth = xy @ edges.homography[e][2]
-        # A homography enlarges areas by its determinant over the cube of the denominator.
-        enlarged = np.sqrt(np.abs(np.linalg.det(edges.homography[e])) / np.abs(depth) ** 3)
-        expected = enlarged * sheet.marks.diameter_mm[rows.point[here]]
-        ratios.setdefault(b, []).append(float(np.median(rows.diameter_px[here] / expected)))
+        point = rows.point[here]
+        expected = edges.image[e].enlarged(sheet.marks.xy_mm[point]) * sheet.marks.diameter_mm[point]
+        ratios.setdefault(b, []).append(float(np.nanmedian(rows.diameter_px[here] / expected)))
     wrong = {b: float(np.median(r)) for b, r in ratios.items() if abs(np.log(np.median(r))) > np.log(DOTS_TOO_FAR)}
     for b, ratio in wrong.items():
         notes.append(
@@ -70,23 +62,6 @@ def dots_fit_their_spacing(edges: Edges, rows: Observations, field: Field, notes
             f"sheet says: {unit_of(max(ratio, 1 / ratio))} Their size in the images is believed"
         )
     return wrong
-
-
-def bars_of_one_unit(network: Network, names: tuple[str, ...], notes: list[str]) -> Network:
-    """The network without those distances that contradict the boards by more than any bar can."""
-    bars = network.distances
-    if not len(bars):
-        return network
-    ends = network.datum_mm(bars.ends.ravel()).reshape(-1, 2, 3)
-    ratio = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1) / bars.length_mm
-    good = np.abs(np.log(ratio)) < np.log(BAR_TOO_FAR)
-    for k in np.flatnonzero(~good):
-        notes.append(
-            f"control bar '{names[k]}' is certified as {bars.length_mm[k]:g} mm, and the boards make it "
-            f"{ratio[k] * bars.length_mm[k]:.4g} mm: {unit_of(ratio[k])} It is left out"
-        )
-    kept = Distances(bars.ends[good], bars.length_mm[good], bars.u_mm[good])
-    return replace(network, distances=kept)
 
 
 def _relative_sizes(edges: Edges, camera_from_board: Poses) -> dict[int, float]:

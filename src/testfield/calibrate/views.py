@@ -15,6 +15,7 @@ from testfield.calibrate.calibration import Calibration
 from testfield.calibrate.edges import Edges
 from testfield.calibrate.graph import groups_apart, spanning_tree
 from testfield.calibrate.quality import board_quality, joints, residual_test
+from testfield.calibrate.rejections import of_joints
 from testfield.camera.interior import Interior
 from testfield.camera.pose import Poses, cross_matrix
 from testfield.detect.observations import Observations
@@ -131,7 +132,7 @@ def from_views(
         for joint, name in zip(of_view, (j["station"] for j in of_view), strict=True)
     )
     white = found.residual_px
-    return Calibration(
+    calibration = Calibration(
         method, interior, station_names, _poses([station_at[s] for s in inside]), board_names,
         _poses([board_at[b] for b in joined]), 1.0, covariance, tuple(out), found.sigma0, found.freedom,
         float(np.sqrt((white**2).sum(axis=1).mean())), m, tuple(turned_down), rows.xy_px[used], white,
@@ -139,6 +140,7 @@ def from_views(
         joints=edge_rows, board_quality=board_quality(covariance, tuple(out), board_names, edge_rows),
         test=residual_test(found),
     )  # fmt: skip
+    return of_joints(calibration)
 
 
 OWN_WORD = (

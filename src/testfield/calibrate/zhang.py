@@ -1,10 +1,9 @@
 """One planar board alone (Zhang 2000)."""
 
 from testfield.calibrate.calibration import Calibration
-from testfield.calibrate.finish import finished
+from testfield.calibrate.finish import calibrated
 from testfield.calibrate.rows import best_board, on_one_board, usable_rows
-from testfield.calibrate.settle import settled
-from testfield.calibrate.start import starting_network
+from testfield.calibrate.start import Start, starting_network
 from testfield.detect.observations import Observations
 from testfield.registry import register
 from testfield.targets.field import Field
@@ -27,6 +26,9 @@ def zhang(
     """
     rows, turned_down, notes = usable_rows(observations, field)
     alone, sheet = on_one_board(rows, field, best_board(rows, field, board))
-    start = starting_network(alone, sheet, width_px, height_px, lens, hold)
     notes.append(f"only board '{sheet.boards[0].name}' is used")
-    return finished("zhang", settled(start, alone), start, alone, sheet, turned_down, notes)
+
+    def begin(rows: Observations, left_out: frozenset[int]) -> Start:
+        return starting_network(rows, sheet, width_px, height_px, lens, hold, left_out=left_out)
+
+    return calibrated("zhang", begin, alone, sheet, turned_down, notes)

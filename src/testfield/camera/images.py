@@ -127,10 +127,23 @@ def load_sheet(path: Path) -> tuple[str, SensorSheet]:
 
 @dataclass(frozen=True)
 class Radiance:
-    """Radiance in W / (m^2 sr) averaged over each pixel: `values` (h, w) float32, from the `station` named."""
+    """Radiance in W / (m^2 sr) averaged over each pixel: `values` (h, w) float32, from the `station` named.
+
+    Raises `TestfieldError` where a value is no finite number: later stages could not tell.
+    """
 
     station: str
     values: np.ndarray
+
+    def __post_init__(self) -> None:
+        wrong = ~np.isfinite(self.values)
+        if wrong.any():
+            row, column = np.argwhere(wrong)[0]
+            raise TestfieldError(
+                f"the radiance of {wrong.sum()} pixels is no finite number, the first at x = {column}, y = {row}",
+                f"station {self.station}",
+                "report this, with the scene",
+            )
 
     def save(self, path: Path) -> None:
         """Write a one-channel float32 EXR."""
@@ -162,6 +175,7 @@ class Radiance:
             raise TestfieldError(f"not a readable radiance image ({reason})", str(path), "render again") from error
         if values.ndim != 2 or values.dtype.kind != "f" or not isinstance(station, str):
             raise TestfieldError(f"radiance of shape {values.shape}, type {values.dtype}", str(path), "render again")
-        if not (np.isfinite(values).all() and (values >= 0).all()):
-            raise TestfieldError("radiance that is not finite, or below zero", str(path), "render again")
-        return Radiance(station, values.astype(np.float32))
+        try:
+            return Radiance(station, values.astype(np.float32))
+        except TestfieldError as error:
+            raise TestfieldError(f"{error.where}: {error.what}", str(path), "render again") from None

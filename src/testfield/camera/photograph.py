@@ -26,12 +26,14 @@ OPENEXR = b"\x76\x2f\x31\x01"
 
 @dataclass(frozen=True)
 class Photograph:
-    """A grey image of unknown origin: `pixels` (h, w) float32 in 0 to 2**`bits` - 1, `notes` what was done to it."""
+    """A grey image of unknown origin: `pixels` (h, w) float32 in 0 to 2**`bits` - 1, `notes` what was done to it;
+    `end_dn` the level at which the first of its pixels are full, where that lies below (a balanced mosaic's)."""
 
     name: str
     pixels: np.ndarray
     bits: int
     notes: tuple[str, ...]
+    end_dn: float = float("inf")
 
 
 def read_photograph(path: Path, bayer: str | None = None) -> Photograph:
@@ -96,13 +98,15 @@ def photograph_of(name: str, raw: np.ndarray, bayer: str | None = None) -> Photo
         bits = 8 if raw.dtype.itemsize == 1 else _bits_in_use(int(raw.max()), notes)
     else:
         grey, bits = _scaled(grey, notes), 16
+    end_dn = float("inf")
     if bayer is not None:
-        grey = _balance(grey, bayer, notes)
+        grey, least_gain = _balance(grey, bayer, notes)
+        end_dn = least_gain * ((1 << bits) - 1)
     elif raw.ndim == 2 and min(raw.shape) >= LEAST_MOSAIC:
         gains = balanced(grey)[1]
         if max(gains) > CHEQUERED * min(gains):
             notes.append(f"looks like a Bayer mosaic; if it is one, say which ({', '.join(ORDERS)})")
-    return Photograph(name, np.ascontiguousarray(grey, np.float32), bits, tuple(notes))
+    return Photograph(name, np.ascontiguousarray(grey, np.float32), bits, tuple(notes), end_dn)
 
 
 def _step(raw: np.ndarray) -> float:
@@ -201,10 +205,11 @@ def _scaled(grey: np.ndarray, notes: list[str]) -> np.ndarray:
     return ((grey.astype(np.float64) - low) * (FLOAT_TOP_DN / (float(high) - float(low)))).astype(np.float32)
 
 
-def _balance(grey: np.ndarray, bayer: str, notes: list[str]) -> np.ndarray:
+def _balance(grey: np.ndarray, bayer: str, notes: list[str]) -> tuple[np.ndarray, float]:
+    """The mosaic with its four kinds of pixels alike, and the least factor that was needed."""
     if bayer not in ORDERS:
         raise ValueError(f"no Bayer order is called '{bayer}'; choose one of {', '.join(ORDERS)}")
     out, gains = balanced(grey)
     factors = ", ".join(f"{colour} {gain:.3f}" for colour, gain in zip(bayer, gains, strict=True))
     notes.append(f"Bayer mosaic balanced by {factors}, not interpolated")
-    return out
+    return out, float(min(gains))

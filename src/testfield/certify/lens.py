@@ -52,7 +52,7 @@ def _folded() -> int:
     given = 0
     for model, coefficients in FOLDING.items():
         camera = Interior(WIDTH_PX, HEIGHT_PX, np.array([1000, 1000, *_CENTRE, *coefficients], float), model)
-        reach = camera.lens.reach(camera.parameters[4:])
+        reach = camera.lens.reach(camera.coefficients)
         angle = np.linspace(0, 2 * np.pi, 100)
         for radius in np.linspace(1.0001, 5, 50) * reach:
             beyond = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.ones(100)])

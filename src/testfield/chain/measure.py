@@ -8,8 +8,10 @@ import numpy as np
 from testfield.adjust.network import Images
 from testfield.calibrate.calibration import Calibration
 from testfield.calibrate.certified import Certified
+from testfield.calibrate.lens_misfit import LensMisfit, misfit_of
 from testfield.calibrate.loose_discs import measured_radii
-from testfield.calibrate.self_calibration import FreeNetwork, Job, free_network, settled
+from testfield.calibrate.rejections import failed, failed_checks
+from testfield.calibrate.self_calibration import FreeNetwork, free_network, settled
 from testfield.calibrate.self_start import loose_network
 from testfield.calibrate.stitched import stitched
 from testfield.calibrate.ties import Ties, coded_ties
@@ -22,6 +24,7 @@ from testfield.reconstruct.uncoded import match_dots
 from testfield.targets.field import Field, NominalBoard, ScaleBar
 from testfield.targets.field_file import FieldFile
 from testfield.targets.marks import Marks
+from testfield.uncertainty.halves import Halves, compare_halves
 
 LEAST_TOLERANCE_PX, MOST_TOLERANCE_PX = 0.3, 3.0
 """Within which a ray must meet others to be of the same dot: six times the reprojection's rms, but between these."""
@@ -29,8 +32,8 @@ LEAST_TOLERANCE_PX, MOST_TOLERANCE_PX = 0.3, 3.0
 
 @dataclass(frozen=True)
 class Length:
-    """A certified distance as measured, with standard uncertainties; `en` of a check distance, None of one that made
-    the scale."""
+    """A certified distance as measured, with standard uncertainties; `en` of a check distance and of one that was found
+    wrong, None of one that made the scale."""
 
     name: str
     role: str
@@ -45,13 +48,14 @@ class Length:
 @dataclass(frozen=True)
 class Measurement:
     """What photographs gave: `observations` whose `point` is the row in `points`, `calibration`, `points` (codes, and
-    dots without one under negative numbers), `lengths`, `datum` in words."""
+    dots without one under negative numbers), `lengths`, `datum` in words, `halves` of the photographs compared."""
 
     observations: Observations
     calibration: Calibration
     points: Points
     lengths: tuple[Length, ...]
     datum: str
+    halves: Halves = Halves(0, ())
 
     @property
     def uncoded(self) -> int:
@@ -83,14 +87,41 @@ def measure(
     hold: tuple[str, ...] = (),
     focal_px: float | None = None,
 ) -> Measurement:
-    """Cameras and points from what was found in photographs of `size_px` (width, height), all by one camera."""
+    """Cameras and points from what was found in photographs of `size_px` (width, height), all by one camera, and what
+    the two halves of the photographs say of their uncertainties."""
+
+    def some(images: np.ndarray, focal_px: float | None, smooth: bool | LensMisfit) -> Measurement:
+        chosen = tuple(names[k] for k in images), [found[k] for k in images]
+        return _measured(*chosen, size_px, field, target, lens, hold, focal_px, smooth)
+
+    whole = some(np.arange(len(names)), focal_px, True)
+    focal, smooth = whole.calibration.interior.fx, misfit_of(whole.calibration) or False
+
+    def half(images: np.ndarray) -> tuple[Calibration, Points]:
+        one = some(images, focal, smooth)
+        return one.calibration, one.points
+
+    return replace(whole, halves=compare_halves(len(names), half))
+
+
+def _measured(
+    names: tuple[str, ...],
+    found: list[Found],
+    size_px: tuple[int, int],
+    field: FieldFile,
+    target: TargetSpec,
+    lens: str,
+    hold: tuple[str, ...],
+    focal_px: float | None,
+    smooth: bool | LensMisfit,
+) -> Measurement:
     observations = Observations.join([one.observations for one in found], names)
     if target.kind == "circles":
-        return _of_grid(observations, found, size_px, field, target, lens, hold)
+        return _of_grid(observations, found, size_px, field, target, lens, hold, smooth)
     ties, notes = coded_ties(observations)
     certified = certified_of(field)
-    result = free_network(ties, *size_px, lens, hold, certified, focal_px, empirical=True, notes=notes)
-    result = with_dots(result, observations, hold)
+    result = free_network(ties, *size_px, lens, hold, certified, focal_px, True, notes, smooth)
+    result = with_dots(result, observations, hold, smooth)
     points = Points(
         "self", result.code, result.xyz_mm, result.cov_xyz_mm2, result.rays, result.residual_rms_px, result.rejected
     )
@@ -98,12 +129,16 @@ def measure(
     named = np.full(len(observations), -1)
     job = result.job
     named[job.ties.row] = [place.get(int(c), -1) for c in job.ties.code[job.ties.point]]
-    lengths, said = _lengths(certified, points)
+    unused = {c["certificate"] for c in result.calibration.certificates if not c["used"]}
+    lengths, said = _lengths(certified, points, unused)
     calibration = replace(result.calibration, notes=(*result.calibration.notes, *said))
+    calibration = failed(calibration, failed_checks([(d.name, d.en) for d in lengths if d.role == "check"]))
     return Measurement(replace(observations, point=named), calibration, points, lengths, _datum(result, field))
 
 
-def with_dots(result: FreeNetwork, observations: Observations, hold: tuple[str, ...]) -> FreeNetwork:
+def with_dots(
+    result: FreeNetwork, observations: Observations, hold: tuple[str, ...], smooth: bool | LensMisfit = True
+) -> FreeNetwork:
     """The network with the dots that have no code, named by their rays; as it was where there are none."""
     calibration, job = result.calibration, result.job
     place = {name: k for k, name in enumerate(calibration.station_names)}
@@ -148,10 +183,10 @@ def with_dots(result: FreeNetwork, observations: Observations, hold: tuple[str, 
         distances=network.distances, images=Images.one_camera(len(network.stations)),
     )  # fmt: skip
     radius = np.concatenate([job.radius_mm, measured_radii(wider, ties.moments_px2)[len(old.code) :]])
-    return settled(Job(wider, ties, radius, job.scale_from, job.rejected, job.notes), hold, True)
+    return settled(replace(job, network=wider, ties=ties, radius_mm=radius), hold, True, smooth)
 
 
-def _lengths(certified: Certified, points: Points) -> tuple[tuple[Length, ...], list[str]]:
+def _lengths(certified: Certified, points: Points, unused: set[str]) -> tuple[tuple[Length, ...], list[str]]:
     have, answer, notes = {int(c) for c in points.code}, [], []
     for bar in certified.bars:
         if not set(bar.codes) <= have:
@@ -160,7 +195,8 @@ def _lengths(certified: Certified, points: Points) -> tuple[tuple[Length, ...], 
             continue
         a, b = points.rows(list(bar.codes))
         length, u = points.distance(int(a), int(b))
-        en = (length - bar.length_mm) / (2 * np.hypot(u, max(bar.u_length_mm, 1e-9))) if bar.role == "check" else None
+        apart = bar.role == "check" or bar.name in unused
+        en = (length - bar.length_mm) / (2 * np.hypot(u, max(bar.u_length_mm, 1e-9))) if apart else None
         answer.append(
             Length(
                 bar.name,
@@ -194,6 +230,7 @@ def _of_grid(
     target: TargetSpec,
     lens: str,
     hold: tuple[str, ...],
+    smooth: bool | LensMisfit,
 ) -> Measurement:
     """A camera from photographs of a flat grid of circles."""
     if not (field.grid and target.columns and field.target.diameter_mm):
@@ -212,7 +249,7 @@ def _of_grid(
     named = replace(observations, board=np.where(on, 0, -1), point=point)
     sizes = Counter(tuple((one.place.max(axis=0, initial=-1) + 1).tolist()) for one in found)
     odd = [s for s in sizes if s != (target.columns, target.rows)]
-    calibration = stitched(named, Field(14, (board,)), *size_px, lens, hold)
+    calibration = stitched(named, Field(14, (board,)), *size_px, lens, hold, True, smooth)
     notes = (*calibration.notes, *(f"{sizes[s]} image(s) show a grid of {s[0]} x {s[1]} only" for s in odd))
     empty = Points("stitched", *(np.zeros(s, t) for s, t in EMPTY))
     return Measurement(

@@ -33,7 +33,7 @@ def render(run: Run) -> Made:
     surroundings = (shapes, lights, materials)
     # Only what is sampled depends on how far and with which random numbers.
     sampling = (settings.noise_target, settings.most_samples, world.seed) if world.gloss else ()
-    device = os.environ.get("TESTFIELD_VARIANT", "")
+    device = os.environ.get("TESTFIELD_VARIANT", "") + os.environ.get("TESTFIELD_LLVM_TARGET", "")
     light_key = digest(code, device, surroundings, settings.light_spacing_mm, settings.light_paths, world.seed)
     fast = settings.mode == "fast"
     keys = {}
@@ -200,8 +200,8 @@ def calibrate(run: Run) -> Made:
     key = digest(code, file_digest(source), run.field, method, camera.width_px, camera.height_px, lens, hold, options)
 
     def write(path: Path) -> None:
-        observations = Observations.load(source)
         size = (camera.width_px, camera.height_px)
+        observations = Observations.load(source, run.field, size)
         find("calibrators", method)(observations, run.field, *size, lens, hold, **options).save(path)
 
     world = world_of(run, ["observations.parquet"])
@@ -220,10 +220,9 @@ def reconstruct(run: Run) -> Made:
     key = digest(code, file_digest(observations), file_digest(calibration), run.field, method)
 
     def write(path: Path) -> None:
-        found = find("reconstructors", method)(
-            Observations.load(observations), Calibration.load(calibration), run.field
-        )
-        found.save(path)
+        camera = Calibration.load(calibration)
+        size = (camera.interior.width_px, camera.interior.height_px)
+        find("reconstructors", method)(Observations.load(observations, run.field, size), camera, run.field).save(path)
 
     world = world_of(run, ["observations.parquet", "calibration.json"])
     return int(run.ledger.make("points.parquet", key, write, [observations, calibration], world)), 1

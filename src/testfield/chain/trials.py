@@ -19,7 +19,7 @@ from testfield.detect.observations import Observations
 from testfield.errors import TestfieldError
 from testfield.reconstruct.points import Points
 from testfield.registry import find, module_of
-from testfield.seeds import generator, seed_of
+from testfield.seeds import seed_of
 from testfield.store.digests import digest, file_digest
 from testfield.store.threads import one_blas_thread
 
@@ -83,9 +83,10 @@ class Trials:
                     "the points are not those of these observations", str(self.run.folder / "points.parquet"),
                     f"make them again with `testfield reconstruct {self.run.folder}`",
                 )  # fmt: skip
-            rng = generator(self.run.scene.seed, f"uncertainty/rays/{number}")
+            trials = range(number * BLOCK, (number + 1) * BLOCK)
+            drawn = ready.draw(trials, seed_of(self.run.scene.seed, "uncertainty/rays"))
             # Deviations need fewer digits than positions.
-            _save(path, (ready.draw(BLOCK, rng) - self.points.xyz_mm).astype(np.float32))
+            _save(path, (drawn - self.points.xyz_mm).astype(np.float32))
 
         return self._kept(f"uncertainty/rays/{number:04d}.npy", write)
 
@@ -112,12 +113,12 @@ class Trials:
         from testfield.uncertainty.certificates import draw_certificates, draw_pixels
 
         run, measure, camera = self.run, self.run.scene.measure, self.run.scene.camera
-        rng = generator(run.scene.seed, f"uncertainty/{self.depth}/{number}")
+        seed = seed_of(run.scene.seed, f"uncertainty/{self.depth}/{number}")
         if self.depth == "calibration":
-            observations = draw_pixels(self.observations, rng)
+            observations = draw_pixels(self.observations, run.field, seed)
         else:
             observations = reexposed(run, seed_of(run.scene.seed, f"uncertainty/exposure/{number}/noise"))
-        observations, field = draw_certificates(observations, self.calibration, run.field, rng)
+        observations, field = draw_certificates(observations, self.calibration, run.field, seed)
         calibration = find("calibrators", measure.calibrator)(
             observations, field, camera.width_px, camera.height_px, measure.lens or camera.lens, measure.hold
         )

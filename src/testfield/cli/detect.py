@@ -7,6 +7,16 @@ from typing import Any
 
 from testfield.store.text import read_text
 
+OF_RUNS = ("jobs",)
+OF_PHOTOGRAPHS = ("radii", "polarity", "bayer", "smallest_px", "out", "json")
+OF_KINDS = {
+    ("radii",): ("ring",),
+    ("polarity",): ("ring", "circles"),
+    ("smallest_px",): ("ring", "circles", "acircles"),
+}
+"""Which options mean something for which kinds of targets."""
+NAMES = {"polarity": "--white-on-black or --black-on-white"}
+
 
 def add(commands: Any) -> None:
     """Enter the command."""
@@ -28,16 +38,16 @@ def add(commands: Any) -> None:
         help="what the images show: ring14, circles, circles:10x8, acircles:4x11, checkerboard:9x6, "
         "charuco:7x5:DICT_4X4_50:30:22 (mm), aruco:DICT_4X4_50, apriltag:36h11",
     )
-    p.add_argument("--radii", choices=("1:2:3", "1:2.5:4"), default="1:2:3", help="shape of the ring codes")
+    p.add_argument("--radii", choices=("1:2:3", "1:2.5:4"), help="shape of the ring codes (default: 1:2:3)")
     way = p.add_mutually_exclusive_group()
     way.add_argument("--white-on-black", dest="polarity", action="store_const", const="white on black")
     way.add_argument("--black-on-white", dest="polarity", action="store_const", const="black on white")
     p.add_argument("--bayer", metavar="ORDER", help="the images are raw mosaics: RGGB, BGGR, GRBG or GBRG")
-    p.add_argument("--smallest-px", type=float, default=5.0, metavar="PX", help="least diameter of a dot (default: 5)")
+    p.add_argument("--smallest-px", type=float, metavar="PX", help="least diameter of a dot (default: 5)")
     p.add_argument("--out", type=Path, metavar="FOLDER", help="where pictures and tables go (default: renders/detect)")
     p.add_argument("--json", action="store_true", help="print one JSON object")
-    p.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="of a run: processes at once")
-    p.set_defaults(act=act, polarity="auto")
+    p.add_argument("--jobs", type=int, metavar="N", help="of a run: processes at once")
+    p.set_defaults(act=act)
 
 
 def act(args: argparse.Namespace) -> int:
@@ -49,10 +59,21 @@ def act(args: argparse.Namespace) -> int:
     if args.target is None:
         if len(args.what) > 1 or args.what[0].is_file():
             raise TestfieldError("no kind of target is named", "--target", "for ring codes of 14 bits: --target ring14")
-        args.run, args.stage = args.what[0], "detect"
+        _refuse(args, "a run, whose scene says it: without --target", OF_PHOTOGRAPHS)
+        args.run, args.stage, args.jobs = args.what[0], "detect", args.jobs or os.cpu_count() or 1
         return stage.act(args)
     with only_writer(args.out or Path("renders/detect")):
         return _photographs(args)
+
+
+def _refuse(args: argparse.Namespace, what: str, options: tuple[str, ...]) -> None:
+    """Refuse options that were given and mean nothing for `what`. Raises `TestfieldError` that names the first."""
+    from testfield.errors import TestfieldError
+
+    for option in options:
+        if getattr(args, option) not in (None, False):
+            name = NAMES.get(option, f"--{option.replace('_', '-')}")
+            raise TestfieldError(f"this option does not apply to {what}", name, "leave it out")
 
 
 def _photographs(args: argparse.Namespace) -> int:
@@ -62,18 +83,25 @@ def _photographs(args: argparse.Namespace) -> int:
 
     from testfield.camera.mosaic import ORDERS
     from testfield.camera.photograph import Photograph, read_photograph
-    from testfield.detect.photograph import Found, detect_in_photograph
+    from testfield.detect.photograph import AUTO, SMALLEST_PX, Found, detect_in_photograph
     from testfield.detect.target_spec import parse_target
     from testfield.errors import TestfieldError
     from testfield.report.photograph import draw_found, write_found
+    from testfield.targets.marks import USUAL
 
     target = parse_target(args.target)
+    _refuse(args, f"photographs: {args.target}", OF_RUNS)
+    for options, kinds in OF_KINDS.items():
+        if target.kind not in kinds:
+            _refuse(args, f"targets of the kind '{target.kind}'", options)
+    radii, polarity = args.radii or USUAL, args.polarity or AUTO
+    smallest_px = SMALLEST_PX if args.smallest_px is None else args.smallest_px
     if args.bayer is not None and args.bayer not in ORDERS:
         raise TestfieldError(
             f"no Bayer order is called '{args.bayer}'", "--bayer", f"choose one of {', '.join(ORDERS)}"
         )
-    if not 2 <= args.smallest_px <= 200:
-        raise TestfieldError(f"value {args.smallest_px}", "--smallest-px", "give 2 to 200")
+    if not 2 <= smallest_px <= 200:
+        raise TestfieldError(f"value {smallest_px}", "--smallest-px", "give 2 to 200")
     out = args.out or Path("renders/detect")
     photographs: list[Photograph] = []
     found: list[Found] = []
@@ -91,7 +119,7 @@ def _photographs(args: argparse.Namespace) -> int:
         if photograph.name in taken:
             count = next(k for k in range(2, len(taken) + 3) if f"{photograph.name}-{k}" not in taken)
             photograph = replace(photograph, name=f"{photograph.name}-{count}")
-        one = detect_in_photograph(photograph, target, args.radii, args.polarity, args.smallest_px)
+        one = detect_in_photograph(photograph, target, radii, polarity, smallest_px)
         refuse_over(args.what, out / f"{photograph.name}.png")
         draw_found(photograph, one, out / f"{photograph.name}.png")
         # Pixels are let go: a hundred photographs need not fit into memory.

@@ -4,6 +4,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from testfield.cli.show import add_strict
+
 
 def add(commands: Any) -> None:
     """Enter the command."""
@@ -23,6 +25,7 @@ def add(commands: Any) -> None:
     p.add_argument("--bayer", metavar="ORDER", help="the images are raw mosaics: RGGB, BGGR, GRBG or GBRG")
     p.add_argument("--smallest-px", type=float, default=5.0, metavar="PX", help="least diameter of a dot (default: 5)")
     p.add_argument("--json", action="store_true", help="print one JSON object")
+    add_strict(p)
     p.set_defaults(act=act)
 
 
@@ -45,6 +48,7 @@ def _measure(args: argparse.Namespace) -> int:
     from testfield.camera.photograph import read_photograph
     from testfield.chain.measure import measure
     from testfield.cli.detect import _images, refuse_over
+    from testfield.cli.show import status_of
     from testfield.detect.photograph import AUTO, ON_BLACK, ON_WHITE, detect_in_photograph
     from testfield.detect.target_spec import parse_target
     from testfield.errors import TestfieldError
@@ -109,4 +113,4 @@ def _measure(args: argparse.Namespace) -> int:
     print(f"coordinates, covariance and report in {out}", file=say)
     if args.json:
         print(json.dumps(summary))
-    return 0
+    return status_of(summary["failures"], args.strict)

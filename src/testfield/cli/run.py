@@ -5,6 +5,8 @@ import os
 from pathlib import Path
 from typing import Any
 
+from testfield.cli.show import add_strict
+
 
 def add(commands: Any) -> None:
     """Enter the command."""
@@ -20,6 +22,7 @@ def add(commands: Any) -> None:
         help="processes at once (default: one a core)",
     )
     p.add_argument("--json", action="store_true", help="print the scorecard as one JSON object")
+    add_strict(p)
     p.set_defaults(act=act)
 
 
@@ -27,7 +30,7 @@ def act(args: argparse.Namespace) -> int:
     """Run the chain; stages whose inputs have not changed are not repeated."""
     from testfield.chain.run import checked, lay_out
     from testfield.chain.stages import STAGES, refuse_frames_of_others, run_stage
-    from testfield.cli.show import jobs_of, show_result, show_warnings
+    from testfield.cli.show import failures_in, jobs_of, show_result, show_warnings, status_of
     from testfield.errors import TestfieldError
     from testfield.store.lock import only_writer
 
@@ -42,4 +45,4 @@ def act(args: argparse.Namespace) -> int:
             run_stage(run, name)
     show_warnings(run.measuring_notes())
     show_result(run.folder, args.json)
-    return 0
+    return status_of(failures_in(run.folder / "scorecard.json"), args.strict)

@@ -1,5 +1,6 @@
 """What commands print."""
 
+import argparse
 import json
 import sys
 from pathlib import Path
@@ -11,6 +12,33 @@ def show_warnings(warnings: list[str]) -> None:
     """Warnings go to standard error, so that standard output stays parseable."""
     for warning in warnings:
         print(f"warning: {warning}", file=sys.stderr)
+
+
+def failures_in(path: Path) -> list[str]:
+    """What a scorecard or a calibration calls failed; nothing of one from before there was a verdict."""
+    from testfield.errors import speaking
+    from testfield.store.sheets import read_json
+
+    card = speaking("result")(read_json)(path)
+    verdict = card.get("verdict", card)
+    return [str(failure) for failure in verdict.get("failures", ())] if isinstance(verdict, dict) else []
+
+
+def add_strict(parser: argparse.ArgumentParser) -> None:
+    """The option `--strict`, in the words that all commands have for it."""
+    parser.add_argument(
+        "--strict",
+        action="store_true",
+        help="exit with status 1 where something failed: a check distance with |E_n| > 1, certificates that contradict "
+        "each other, a board or an image that loses more than its share of observations",
+    )
+
+
+def status_of(failures: list[str], strict: bool) -> int:
+    """Say what failed, on standard error; the exit status."""
+    for failure in failures:
+        print(f"failed: {failure}", file=sys.stderr)
+    return 1 if failures and strict else 0
 
 
 def jobs_of(asked: int) -> int:
@@ -30,6 +58,8 @@ def show_result(folder: Path, as_json: bool) -> None:
         return
     rows = ten_figures(card)
     width = max(len(title) for title, _ in rows)
+    failures = failures_in(folder / "scorecard.json")
+    rows.append(("verdict", f"NOT passed: {len(failures)} failure(s)" if failures else "no failure"))
     print()
     for title, value in rows:
         print(f"  {title:<{width}}  {value}")

@@ -5,6 +5,8 @@ import os
 from pathlib import Path
 from typing import Any
 
+from testfield.cli.show import add_strict
+
 STAGES = {
     "render": "radiance images of all stations (EXR)",
     "expose": "digital frames from the radiance (16-bit PNG)",
@@ -14,6 +16,9 @@ STAGES = {
     "score": "everything measured against the truth",
     "report": "the HTML page",
 }
+
+JUDGED = {"calibrate": "calibration.json", "score": "scorecard.json", "report": "scorecard.json"}
+"""Stages after which something can have failed, and the file that says so."""
 
 
 def add(commands: Any) -> None:
@@ -34,14 +39,16 @@ def add(commands: Any) -> None:
             metavar="N",
             help="processes at once (default: one a core)",
         )
-        p.set_defaults(act=act, stage=name)
+        if name in JUDGED:
+            add_strict(p)
+        p.set_defaults(act=act, stage=name, strict=False)
 
 
 def act(args: argparse.Namespace) -> int:
     """Run the stage, unless what it would make is there already."""
     from testfield.chain.run import resume, scene_of
     from testfield.chain.stages import remarks, run_stage
-    from testfield.cli.show import jobs_of, show_result, show_warnings
+    from testfield.cli.show import failures_in, jobs_of, show_result, show_warnings, status_of
     from testfield.store.atomic import sweep
     from testfield.store.lock import only_writer
 
@@ -54,4 +61,6 @@ def act(args: argparse.Namespace) -> int:
     print(f"{args.stage}: {'done' if made else 'nothing to do, all is up to date'} ({args.run})")
     if args.stage == "score":
         show_result(args.run, as_json=False)
+    if args.stage in JUDGED:
+        return status_of(failures_in(args.run / JUDGED[args.stage]), args.strict)
     return 0

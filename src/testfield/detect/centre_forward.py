@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_limits
 from testfield.camera import lens
 from testfield.camera.images import SensorSheet
 from testfield.camera.interior import Interior
-from testfield.camera.project import directions, project_camera
+from testfield.camera.project import plane_of, project_camera
 from testfield.detect.centre import RING_BEGINS, RING_CLEARANCE_PX, Centres
 from testfield.detect.disc import LEAST_BLUR_PX, MOST_BLUR_PX, disc_in_pixels, ellipse_outline, outline_points
 from testfield.detect.light import local_gradients
@@ -164,7 +164,7 @@ class _Placement:
         """Pixels (n, k, 2) relative to the window's middle, and (n, k, 2, 2) their derivatives by the drawing."""
         plane = self.at[:, None, :] + np.einsum("nij,nkj->nki", self.to_plane, drawn - self.drawn[:, None, :])
         pixels = project_camera(self.interior, np.concatenate([plane, np.ones_like(plane[..., :1])], axis=-1))
-        slope = lens.jacobian_xy(self.interior.lens, plane, self.interior.parameters[4:])
+        slope = lens.jacobian_xy(self.interior.lens, plane, self.interior.coefficients)
         slope = self.interior.parameters[:2, None] * slope @ self.to_plane[:, None]
         return pixels - self.middle[:, None, :], slope
 
@@ -291,8 +291,8 @@ def _placement(batch: Batch, interior: Interior | None) -> _Placement | None:
     if interior is None:
         return None
     drawn = batch.theta[:, :2].copy()
-    at = directions(interior, drawn + batch.middle)[:, :2]
-    slope = interior.parameters[:2, None] * lens.jacobian_xy(interior.lens, at, interior.parameters[4:])
+    at = plane_of(interior, drawn + batch.middle)
+    slope = interior.parameters[:2, None] * lens.jacobian_xy(interior.lens, at, interior.coefficients)
     return _Placement(interior, batch.middle, at, drawn, np.linalg.inv(slope))
 
 

@@ -15,6 +15,9 @@ from testfield.registry import register
 ITERATIONS = 14
 RESHAPE = (3, 6)
 """Iterations at which the usable pixels are chosen again."""
+SETTLED_PX, SLOW_PX, SETTLED = 1e-4, 1e-3, 0.1
+"""The iteration has ended where its step is below the first; or below the second, if that is no more than this part of
+the stated uncertainty."""
 CX, CY, GXX, GXY, GYY, CONTRAST, BACKGROUND, SLOPE_X, SLOPE_Y, BLUR = range(10)
 
 
@@ -57,7 +60,7 @@ def _fit(
     ground = np.nan_to_num(np.clip(ground, -20, 20))
     weight = use / sheet.variance_dn2(values)
 
-    converged = np.zeros(n, bool)
+    limit, step = np.ones(n), np.zeros((n, 10))
     good = np.isfinite(theta).all(axis=1) & (theta[:, CONTRAST] > 0)
     theta[~good] = np.array([0, 0, 0.1, 0, 0.1, 100, sheet.black_level_dn, 0, 0, 0.7])
     for k in range(ITERATIONS):
@@ -76,8 +79,8 @@ def _fit(
         positive = (theta[:, GXX] > 0) & (theta[:, GXX] * theta[:, GYY] > theta[:, GXY] ** 2)
         good &= positive & np.isfinite(theta).all(axis=1) & (np.abs(theta[:, :2]).max(axis=1) < x.max())
         theta[~good] = np.array([0, 0, 0.1, 0, 0.1, 100, sheet.black_level_dn, 0, 0, 0.7])
-        converged = good & (np.abs(step[:, [CX, CY]]).max(axis=1) < 1e-4) & (limit == 1)
-        if k > RESHAPE[-1] and np.all(converged | ~good):
+        settled = (np.abs(step[:, [CX, CY]]).max(axis=1) < SETTLED_PX) & (limit == 1)
+        if k > RESHAPE[-1] and np.all(settled | ~good):
             break
 
     model, jacobian = _model(theta, ground, x, y)
@@ -93,6 +96,11 @@ def _fit(
     covariance *= np.where(chi2 > 1 + 3 * np.sqrt(2 / freedom), chi2, 1.0)[:, None, None]
     excess = (use * (residual**2 - sheet.variance_dn2(model))).sum(axis=1) / np.maximum(use.sum(axis=1), 1)
     misfit = np.sqrt(np.maximum(excess, 0)) / theta[:, CONTRAST]
+    # Of a drawing without blur the steps grow small slowly: they have ended when they are small beside the doubt.
+    with np.errstate(invalid="ignore"):
+        doubt = np.sqrt(np.einsum("nii->n", covariance) / 2)
+        last = np.abs(step[:, [CX, CY]]).max(axis=1)
+        converged = good & (last < np.clip(SETTLED * doubt, SETTLED_PX, SLOW_PX)) & (limit == 1)
     return Centres(
         theta[:, :2] + origin, covariance, np.linalg.inv(_shape(theta)) / 4, theta[:, CONTRAST],
         theta[:, BACKGROUND], chi2, misfit, converged,

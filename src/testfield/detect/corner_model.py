@@ -23,7 +23,9 @@ FIRST_BLUR_PX, LEAST_BLUR_PX, MOST_BLUR_PX = 0.7, 0.25, 6.0
 SETTLED_PX = 1e-5
 FARTHEST_PX = 3.0
 """A corner that ends up farther from where it was looked for is another one."""
-LEAST_PIXELS = 30
+LEAST_PIXELS, LEAST_A_SIDE = 30, 8
+"""Pixels that a fit needs, in all and on either side of the middle between black and white: where a neighbour leaves
+only one side, what is seen of the edge is its tail."""
 LEAST_CONTRAST = 5.0
 """Contrast over noise below which nothing is measured."""
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(10)
@@ -100,7 +102,14 @@ def fit_corners(
         excess = (use * (residual**2 - variance)).sum(axis=1) / np.maximum(count, 1)
         misfit = np.sqrt(np.maximum(excess, 0)) / np.abs(theta[:, CONTRAST])
         noise = np.sqrt(sheet.variance_dn2(sheet.black_level_dn + theta[:, BLACK] + theta[:, CONTRAST] / 2))
-        ok = (count >= LEAST_PIXELS) & (moved < 0.01) & (np.hypot(*(theta[:, :2] - start).T) < FARTHEST_PX)
+        bright = use & ((model - theta[:, BLACK, None]) / theta[:, CONTRAST, None] > 0.5)
+        either = np.minimum(bright.sum(axis=1), count - bright.sum(axis=1))
+        ok = (
+            (count >= LEAST_PIXELS)
+            & (either >= LEAST_A_SIDE)
+            & (moved < 0.01)
+            & (np.hypot(*(theta[:, :2] - start).T) < FARTHEST_PX)
+        )
         ok &= np.isfinite(covariance).all(axis=(1, 2)) & (np.einsum("nii->n", covariance) < 1)
         ok &= np.abs(theta[:, CONTRAST]) > LEAST_CONTRAST * noise
     white = sheet.black_level_dn + np.maximum(theta[:, BLACK], theta[:, BLACK] + theta[:, CONTRAST])

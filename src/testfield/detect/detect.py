@@ -1,6 +1,6 @@
 """One frame to its observations: find, centre, decode, identify."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
@@ -17,6 +17,7 @@ from testfield.detect.decode import CROWDED, CUT, PLAIN, UNREADABLE, decode
 from testfield.detect.find import find_blobs
 from testfield.detect.identify import identify
 from testfield.detect.observations import MEASURED, Observations
+from testfield.detect.one_row import first_rows
 from testfield.detect.outline import POLYGON, UNEVEN, UNTOLD, shapes
 from testfield.detect.screen import may_be_dots
 from testfield.detect.square_boards import detect_squares
@@ -65,12 +66,16 @@ def detect(frame: Frame, field: Field, centroid: str, smallest_px: float) -> Obs
     good = targets.status == MEASURED
     n = len(targets.status)
     board, point = np.full(n, -1), np.full(n, -1)
-    board[good], point[good], refused = identify(targets.xy_px[good], targets.code[good], targets.affine[good], field)
+    middle = (np.array(image.shape[::-1]) - 1) / 2
+    board[good], point[good], refused = identify(
+        targets.xy_px[good], targets.code[good], targets.affine[good], field, middle
+    )
     targets.status[good] = np.where(refused == "", MEASURED, refused)
     for b, nominal in enumerate(field.boards):
         mine = np.flatnonzero((board == b) & (targets.status == MEASURED))
         marks = nominal.marks.xy_mm[point[mine]], nominal.marks.diameter_mm[point[mine]]
-        unlike = unlike_neighbours(*marks, targets.xy_px[mine], targets.moments_px2[mine], targets.cov_px2[mine])
+        seen = targets.xy_px[mine], targets.moments_px2[mine], targets.cov_px2[mine]
+        unlike = unlike_neighbours(*marks, *seen, middle)
         targets.status[mine[unlike]] = "partly hidden or disturbed"
     plain = (targets.status == MEASURED) & (targets.code == PLAIN) & (board == -1)
     for outline in printed:
@@ -86,7 +91,8 @@ def detect(frame: Frame, field: Field, centroid: str, smallest_px: float) -> Obs
 class Targets:
     """Everything in one image that was looked at, n rows: `xy_px`, `cov_px2`, `moments_px2`, `chi2` and `misfit` as
     in `Centres`; `code` (n,) as `decode` gives it, `CROWDED` where nothing was read; `affine` (n, 2, 2) likewise;
-    `status` (n,) `measured` or why not; `left_out` how many blobs there were beyond `MOST_BLOBS`."""
+    `status` (n,) `measured` or why not; `background_dn` and `contrast_dn` (n,) as in `Centres`; `left_out` how many
+    blobs there were beyond `MOST_BLOBS`; `passed_over` how many blobs have no row, by reason."""
 
     xy_px: np.ndarray
     cov_px2: np.ndarray
@@ -96,7 +102,10 @@ class Targets:
     code: np.ndarray
     affine: np.ndarray
     status: np.ndarray
+    background_dn: np.ndarray
+    contrast_dn: np.ndarray
     left_out: int = 0
+    passed_over: dict[str, int] = field(default_factory=dict)
 
     def observations(self, station: str, board: np.ndarray, point: np.ndarray) -> Observations:
         """As observations of one station, once the boards (n,) and points (n,) are known."""
@@ -125,10 +134,14 @@ def measure_targets(
     blobs = find_blobs(image, sheet, smallest_px, largest_px)
     rough = find("centroids", ROUGH)(image, sheet, blobs.xy_px, blobs.moments_px2)
     noise = np.sqrt(sheet.variance_dn2(np.nan_to_num(rough.background_dn + rough.contrast_dn / 2)))
-    rough_ok = rough.ok & (_diameter(rough.moments_px2) > 0.7 * smallest_px)
-    rough_ok &= may_be_dots(image, rough.xy_px, rough.moments_px2, rough.contrast_dn, noise)
+    of_size = rough.ok & (_diameter(rough.moments_px2) > 0.7 * smallest_px)
+    rough_ok = of_size & may_be_dots(image, rough.xy_px, rough.moments_px2, rough.contrast_dn, noise)
     xy, moments, cut = rough.xy_px[rough_ok], rough.moments_px2[rough_ok], blobs.cut[rough_ok]
     elliptic = is_elliptic(image, xy, moments, noise[rough_ok] / rough.contrast_dn[rough_ok], ROUGHLY)
+    passed_over = {
+        "not brighter than what lies around, or too near to something as bright": int((of_size & ~rough_ok).sum()),
+        "nowhere near an ellipse": int((~elliptic).sum()),
+    }
     xy, moments, cut = xy[elliptic], moments[elliptic], cut[elliptic]
     if centroid == ROUGH:
         rows = np.flatnonzero(rough_ok)[elliptic]
@@ -207,9 +220,13 @@ def measure_targets(
         status[good & (code == what)] = why
     _drop_ring_parts(centres.xy_px, centres.moments_px2, code, status, radii)
     xy_px = np.where(centres.ok[:, None], centres.xy_px, xy)
+    moments = np.where(centres.ok[:, None, None], centres.moments_px2, moments)
+    one = first_rows(xy_px, _diameter(moments), code, status, centres.chi2)
     return Targets(
-        xy_px, centres.cov_px2, centres.moments_px2, centres.chi2, centres.misfit, code, affine, status, blobs.left_out
-    )
+        xy_px[one], centres.cov_px2[one], moments[one], centres.chi2[one], centres.misfit[one], code[one],
+        affine[one], status[one], centres.background_dn[one], centres.contrast_dn[one], blobs.left_out,
+        {why: count for why, count in passed_over.items() if count},
+    )  # fmt: skip
 
 
 def _diameter(moments_px2: np.ndarray) -> np.ndarray:

@@ -14,9 +14,21 @@ MOST_PIXELS = 4_000_000
 LEAST_DN = 0.35
 """Least standard deviation that is believed, in DN: rounding alone makes 0.29."""
 
+FEW_PIXELS = 4
+"""So many at the end of the numbers may be hot pixels."""
+DARKER, VISIBLE_DN = 0.9, 0.5
+"""Surfaces darker than this part of the largest value tell whether there is noise, which rounding hides below the
+second."""
+SURFACE_PX, EVEN = 6, 2.0
+"""Side of a tile that must show nothing but noise: its variance is at most so many times its second difference's."""
+LEAST_SURFACES = 8
+SAME_DN, SPIKE = 0.01, 0.5
+"""Values this near are one; a cut plateau has more pixels on its end than this part of those just below."""
 
-def estimate_sheet(image: np.ndarray, bits: int) -> SensorSheet:
-    """A sheet whose variance a + b * DN follows the quiet parts of an image (h, w) float32 in 0 to 2**bits - 1.
+
+def estimate_sheet(image: np.ndarray, bits: int, end_dn: float = float("inf")) -> SensorSheet:
+    """A sheet whose variance a + b * DN follows the quiet parts of an image (h, w) float32 in 0 to 2**bits - 1, some
+    pixels of which end at `end_dn` already.
 
     The noise is seen through a second difference in both directions, which neither a slope nor an edge along the rows
     or columns passes, at full and at half size: noise that a converter's interpolation or a JPEG has smeared over
@@ -40,7 +52,10 @@ def estimate_sheet(image: np.ndarray, bits: int) -> SensorSheet:
         a, b = a * grow, b * grow
     b = max(b, 1e-6)
     gain = 1 / b
-    return SensorSheet(gain, float(np.sqrt(a)) * gain, 0.0, bits, _full_well(image, largest) * gain)
+    full_dn = _full_dn(image, min(largest, end_dn))
+    # Where nothing is full, how far the numbers go on is not known: one bit more leaves room above the largest.
+    bits += np.isinf(full_dn)
+    return SensorSheet(gain, float(np.sqrt(a)) * gain, 0.0, int(bits), full_dn * gain)
 
 
 def _levels_and_variances(image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -48,8 +63,7 @@ def _levels_and_variances(image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     rows, columns = (size // TILE_PX for size in image.shape)
     if rows * columns < 4:
         return np.zeros(0), np.zeros(0)
-    kernel = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32) / 6
-    rest = cv2.filter2D(image, cv2.CV_32F, kernel, borderType=cv2.BORDER_REFLECT)
+    rest = _second_difference(image)
 
     def tiles(values: np.ndarray) -> np.ndarray:
         return cv2.resize(
@@ -76,9 +90,50 @@ def _line(level: np.ndarray, variance: np.ndarray) -> tuple[float, float]:
     return float(a), float(b)
 
 
-def _full_well(image: np.ndarray, largest: float) -> float:
-    """The level at which pixels saturate: where many share the image's largest value, or the end of the numbers."""
+def _full_dn(image: np.ndarray, largest: float) -> float:
+    """The level at which pixels saturate; infinity where none does.
+
+    Pixels saturate at the end of the format's numbers, where some lie on it. A plateau below may as well be quiet
+    paper, or a drawing's. It was cut where its pixels are all alike and darker surfaces show noise: with noise on it,
+    its largest value would be its rarest.
+    """
+    if int((image >= largest).sum()) > FEW_PIXELS:
+        return largest
     top = float(image.max())
-    if top > 0.5 * largest and int((image >= top).sum()) > max(20, 1e-5 * image.size):
-        return top
-    return largest
+    noise = _noise_of_surfaces(image, DARKER * top)
+    if noise < VISIBLE_DN:
+        return float("inf")
+    at_top = int((image > top - SAME_DN).sum())
+    below = int((image > top - max(2 * noise, 1) - SAME_DN).sum()) - at_top
+    return top if at_top > max(20, 1e-5 * image.size) and at_top > SPIKE * below else float("inf")
+
+
+def _noise_of_surfaces(image: np.ndarray, below_dn: float) -> float:
+    """Standard deviation in DN of the quietest tiles among those evenly lit and darker than a level; 0 where
+    there are too few to tell."""
+    side = SURFACE_PX
+    rows, columns = (size // side for size in image.shape)
+    skip = 1 + image.size // MOST_PIXELS
+
+    def tiles(values: np.ndarray) -> np.ndarray:
+        """(m, side * side) values tile by tile; of large images not every row of tiles."""
+        cut = values[: rows * side, : columns * side].reshape(rows, side, columns, side)[::skip]
+        return np.asarray(cut.swapaxes(1, 2).reshape(-1, side * side), float)
+
+    level = tiles(image)
+    noise = np.square(tiles(_second_difference(image))).mean(axis=1)
+    even = (level.mean(axis=1) < below_dn) & (level.var(axis=1) < EVEN * noise + VISIBLE_DN**2)
+    return float(np.sqrt(np.quantile(noise[even], QUIETEST))) if even.sum() >= LEAST_SURFACES else 0.0
+
+
+def noise_of_pixels(image: np.ndarray) -> float:
+    """Standard deviation in DN of most pixels' noise, at least what rounding leaves: half of all second differences
+    are smaller than noise alone makes them, and texture makes them larger."""
+    some = image[:: 1 + image.size // MOST_PIXELS]
+    return max(float(np.median(np.abs(_second_difference(some)))) / 0.6745, LEAST_DN)
+
+
+def _second_difference(image: np.ndarray) -> np.ndarray:
+    """Second difference in both directions, scaled to keep the variance of white noise."""
+    kernel = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32) / 6
+    return cv2.filter2D(image, cv2.CV_32F, kernel, borderType=cv2.BORDER_REFLECT)

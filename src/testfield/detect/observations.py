@@ -6,9 +6,16 @@ from typing import Any
 
 import numpy as np
 
-from testfield.errors import speaking
+from testfield.detect.observation_table import MEASURED, read_table
+from testfield.targets.field import Field
 
-MEASURED = "measured"
+__all__ = ["MEASURED", "READ", "Observations"]
+
+READ = "read"
+"""The place at which a detector that states no uncertainty read a point, where no model could be fitted; the covariance
+is what such a detector's errors usually are."""
+TEXTURE = ("no ellipse fits", "too small", "too little contrast", "part of a ring", "not an ellipse")
+"""Reasons why a blob was turned down that are true of texture more often than of targets."""
 
 
 @dataclass(frozen=True)
@@ -19,7 +26,7 @@ class Observations:
     whose sheet lists corners; `cov_px2` (n, 2, 2) its covariance; `moments_px2` (n, 2, 2) second moments of the dot's
     area, that is a quarter of its squared half-axes, or of the circle around a corner in which nothing else is printed;
     `code` (n,) the ring's number, 0 for a plain dot; `board`, `point` (n,) which mark of which board's sheet, -1 for
-    none; `chi2` (n,) misfit of the dot's model per degree of freedom; `status` (n,) `measured` or why not.
+    none; `chi2` (n,) misfit of the dot's model per degree of freedom; `status` (n,) `measured`, or `read` or why not.
     `centre_of_disc` tells what the `xy_px` of a dot is: True, the centre of area of the dot's image; False, the
     projection of the mark's centre, as synthetic points give it. A corner is always the projection of the corner.
     """
@@ -93,24 +100,22 @@ class Observations:
         pq.write_table(table.replace_schema_metadata(notes), path)
 
     @staticmethod
-    @speaking("observations")
-    def load(path: Path) -> "Observations":
-        """Read what `save` wrote."""
-        import pyarrow.parquet as pq
+    def load(path: Path, field: Field | None = None, size_px: tuple[int, int] | None = None) -> "Observations":
+        """Read what `save`, or anybody else, wrote.
 
-        table = pq.read_table(path)
-        notes = table.schema.metadata
-        stations = tuple(notes[b"stations"].decode().split("\n"))
-        column = {name: table[name].to_numpy(zero_copy_only=False) for name in table.column_names}
-        number = {name: k for k, name in enumerate(stations)}
+        `field` and the image's `size_px` (width, height), where given, say what can be. Raises `TestfieldError` for
+        what cannot (`detect/observation_table.py`).
+        """
+        column, notes = read_table(path, field, size_px)
+        number = {name: k for k, name in enumerate(notes["stations"])}
 
         def symmetric(stem: str) -> np.ndarray:
             xx, xy, yy = (column[f"{stem}_{part}_px2"] for part in ("xx", "xy", "yy"))
             return np.stack([np.stack([xx, xy], -1), np.stack([xy, yy], -1)], -2)
 
         return Observations(
-            stations, np.array([number[name] for name in column["station"]], int),
+            notes["stations"], np.array([number[name] for name in column["station"]], int),
             np.column_stack([column["x_px"], column["y_px"]]), symmetric("cov"), symmetric("moment"),
-            column["code"], column["board"], column["point"], column["chi2"], column["status"].astype(object),
-            notes[b"centre_of_disc"] == b"True",
+            column["code"], column["board"], column["point"], column["chi2"], column["status"],
+            notes["centre_of_disc"],
         )  # fmt: skip

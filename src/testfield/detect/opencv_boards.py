@@ -3,28 +3,43 @@
 They state no covariance (`photo_corners.py` adds one). All coordinates have the centre of the top-left pixel at (0, 0).
 """
 
-from dataclasses import dataclass
+import atexit
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
 
 import cv2
 import numpy as np
 
+from testfield.detect.eight_bits import pictures
 from testfield.detect.target_spec import TargetSpec
 from testfield.errors import TestfieldError
 
 CORNERS_A_TAG = 4
+REFINED_WITHIN_PX = 2
+"""Half-width of the window in which OpenCV refines a tag's corner: a wider one sees the neighbour's corner where tags
+are near each other, and ends between the two."""
+PUPIL_CORNERS = [1, 0, 3, 2]
+"""pupil-apriltags' corners in the order of the print that OpenCV makes: clockwise from its top left."""
+PUPIL_CORNERS_OF_MAKERS = [3, 2, 1, 0]
+"""The same where OpenCV has no such tags and the makers' print counts."""
 
 
 @dataclass(frozen=True)
 class Corners:
     """Points of a board, n rows: `xy_px` (n, 2); `code` (n,) the number of the tag a point belongs to, -1 for none;
     `point` (n,) its index on the board or, of a tag, which corner; `place` (n, 2) column and row, -1 where there is
-    none; `disc` whether the points are discs' centres; `notes` what was done."""
+    none; `disc` whether the points are discs' centres; `inverted` whether the print is white on black; `legacy` whether
+    it is a ChArUco of OpenCV before 4.6; `size` columns and rows as they were read; `notes` what was done."""
 
     xy_px: np.ndarray
     code: np.ndarray
     point: np.ndarray
     place: np.ndarray
     disc: bool = False
+    inverted: bool = False
+    legacy: bool = False
+    size: tuple[int, int] | None = None
     notes: tuple[str, ...] = ()
 
 
@@ -33,9 +48,24 @@ def detect_board(pixels: np.ndarray, spec: TargetSpec) -> Corners:
 
     Raises `TestfieldError` where the dictionary is unknown.
     """
-    image = eight_bits(pixels)
-    if min(image.shape) < 8:
+    if min(pixels.shape) < 8:
         return _empty()
+    best = _empty()
+    for picture in pictures(pixels):
+        for image, inverted in ((picture, False), (255 - picture, True)):
+            found = _find(image, spec)
+            if inverted and len(found.code):
+                found = replace(found, inverted=True, notes=(*found.notes, "printed white on black, read inverted"))
+            if len(found.code) > len(best.code) or (found.notes and not best.notes and not len(best.code)):
+                best = found
+            if len(best.code):
+                break
+        if 0 < len(best.code) == _all_points(spec):
+            break
+    return best
+
+
+def _find(image: np.ndarray, spec: TargetSpec) -> Corners:
     find = {
         "charuco": _charuco, "aruco": _aruco, "apriltag": _apriltag,
         "checkerboard": _checkerboard, "acircles": _asymmetric_circles,
@@ -46,21 +76,52 @@ def detect_board(pixels: np.ndarray, spec: TargetSpec) -> Corners:
         return _empty((f"OpenCV gave up: {' '.join(str(error).split())[:120]}",))
 
 
+def _all_points(spec: TargetSpec) -> int:
+    """How many points a board has, 0 where nobody said: of single tags."""
+    if spec.kind == "charuco":
+        return (spec.columns - 1) * (spec.rows - 1)
+    return spec.columns * spec.rows
+
+
 def _charuco(image: np.ndarray, spec: TargetSpec) -> Corners:
-    size = (spec.columns, spec.rows)
+    """As it was asked for; where that reads less than all, as OpenCV printed boards before 4.6, or columns and rows
+    exchanged, whichever reads most."""
+    best = _empty()
+    for columns, rows in dict.fromkeys([(spec.columns, spec.rows), (spec.rows, spec.columns)]):
+        for legacy in (False, True) if rows % 2 == 0 else (False,):
+            found = _charuco_of((columns, rows), legacy, image, spec)
+            if len(found.code) > len(best.code):
+                best = found
+            if 0 < len(best.code) == _all_points(spec):
+                return best
+    return best
+
+
+def _charuco_of(size: tuple[int, int], legacy: bool, image: np.ndarray, spec: TargetSpec) -> Corners:
     board = cv2.aruco.CharucoBoard(size, spec.square_mm, spec.marker_mm, _dictionary(spec.dictionary))
+    board.setLegacyPattern(legacy)
     corners, numbers, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(image)
     if numbers is None or len(numbers) == 0:
         return _empty()
+    notes = ["as OpenCV printed such boards before 4.6"] if legacy else []
+    if size != (spec.columns, spec.rows):
+        notes.append(f"read as {size[0]} x {size[1]} squares, {spec.columns} x {spec.rows} were asked for")
     point = np.asarray(numbers).ravel().astype(int)
-    place = np.column_stack([point % (spec.columns - 1), point // (spec.columns - 1)])
-    return Corners(_points(corners), np.full(len(point), -1), point, place)
+    place = np.column_stack([point % (size[0] - 1), point // (size[0] - 1)])
+    none = np.full(len(point), -1)
+    return Corners(_points(corners), none, point, place, legacy=legacy, size=size, notes=tuple(notes))
+
+
+def tag_detector(dictionary: cv2.aruco.Dictionary) -> cv2.aruco.ArucoDetector:
+    """OpenCV's detector of a dictionary's tags."""
+    settings = cv2.aruco.DetectorParameters()
+    settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    settings.cornerRefinementWinSize = REFINED_WITHIN_PX
+    return cv2.aruco.ArucoDetector(dictionary, settings)
 
 
 def _aruco(image: np.ndarray, spec: TargetSpec) -> Corners:
-    settings = cv2.aruco.DetectorParameters()
-    settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
-    corners, numbers, _ = cv2.aruco.ArucoDetector(_dictionary(spec.dictionary), settings).detectMarkers(image)
+    corners, numbers, _ = tag_detector(_dictionary(spec.dictionary)).detectMarkers(image)
     if numbers is None or len(numbers) == 0:
         return _empty()
     return _tags(np.asarray(corners).reshape(-1, CORNERS_A_TAG, 2), np.asarray(numbers).ravel())
@@ -68,21 +129,38 @@ def _aruco(image: np.ndarray, spec: TargetSpec) -> Corners:
 
 def _apriltag(image: np.ndarray, spec: TargetSpec) -> Corners:
     family = spec.dictionary.removeprefix("tag")
-    try:
-        from pupil_apriltags import Detector
-    except ImportError:
-        found = _aruco(image, TargetSpec("aruco", dictionary=f"DICT_APRILTAG_{family}"))
-        return Corners(**(vars(found) | {"notes": (*found.notes, "by OpenCV; pupil-apriltags is not installed")}))
-    try:
-        detector = Detector(families=f"tag{family}")
-    except Exception as error:  # the library raises bare exceptions
-        raise TestfieldError(f"no AprilTag family is called '{family}'", "--target", "try apriltag:36h11") from error
+    ours = TargetSpec("aruco", dictionary=f"DICT_APRILTAG_{family}")
+    known = ours.dictionary.upper() in (name.upper() for name in dir(cv2.aruco))
+    detector = _pupil(f"tag{family}")
+    if detector is None and known:
+        found = _aruco(image, ours)
+        return replace(found, notes=(*found.notes, "by OpenCV; pupil-apriltags is not installed or lacks the family"))
+    if detector is None:
+        raise TestfieldError(f"no AprilTag family is called '{family}'", "--target", "try apriltag:36h11")
     tags = detector.detect(image)
     if not tags:
         return _empty()
-    # The library counts from the corner of the first pixel.
-    corners = np.array([tag.corners for tag in tags]) - 0.5
+    # The library counts pixels from the corner of the first one, and a tag's corners anticlockwise from the bottom left
+    # of the makers' print; OpenCV prints its tags turned by half against theirs.
+    order = PUPIL_CORNERS if known else PUPIL_CORNERS_OF_MAKERS
+    corners = np.array([tag.corners for tag in tags])[:, order] - 0.5
     return _tags(corners, np.array([tag.tag_id for tag in tags]), ("by pupil-apriltags",))
+
+
+@cache
+def _pupil(family: str) -> Any | None:
+    """The library's detector of a family, None where there is no library or no such family in it.
+
+    It is kept, and never let go: its destructor damages the memory, and the process dies of that sooner or later.
+    """
+    try:
+        from pupil_apriltags import Detector
+
+        detector = Detector(families=family)
+    except Exception:  # the library raises bare exceptions
+        return None
+    atexit.register(setattr, detector, "tag_detector_ptr", None)  # which its destructor then leaves alone
+    return detector
 
 
 def _checkerboard(image: np.ndarray, spec: TargetSpec) -> Corners:
@@ -94,14 +172,12 @@ def _asymmetric_circles(image: np.ndarray, spec: TargetSpec) -> Corners:
     settings = cv2.SimpleBlobDetector.Params()
     settings.maxArea = 0.02 * image.size
     settings.minArea = 12
+    settings.minDistBetweenBlobs = 3
     flags = cv2.CALIB_CB_ASYMMETRIC_GRID | cv2.CALIB_CB_CLUSTERING
-    for picture in (image, 255 - image):
-        found, centres = cv2.findCirclesGrid(
-            picture, (spec.columns, spec.rows), flags=flags, blobDetector=cv2.SimpleBlobDetector.create(settings)
-        )
-        if found:
-            return Corners(**(vars(_grid(centres, spec)) | {"disc": True}))
-    return _empty()
+    found, centres = cv2.findCirclesGrid(
+        image, (spec.columns, spec.rows), flags=flags, blobDetector=cv2.SimpleBlobDetector.create(settings)
+    )
+    return replace(_grid(centres, spec), disc=True) if found else _empty()
 
 
 def _grid(corners: np.ndarray, spec: TargetSpec) -> Corners:
@@ -124,12 +200,6 @@ def _points(corners: np.ndarray) -> np.ndarray:
 def _empty(notes: tuple[str, ...] = ()) -> Corners:
     none = np.zeros(0, int)
     return Corners(np.zeros((0, 2)), none, none, np.zeros((0, 2), int), notes=notes)
-
-
-def eight_bits(pixels: np.ndarray) -> np.ndarray:
-    """OpenCV's detectors take bytes: black to the brightest pixels but one in a thousand."""
-    low, high = float(pixels.min()), float(np.percentile(pixels, 99.9))
-    return np.clip((pixels - low) * (255 / max(high - low, 1e-6)), 0, 255).astype(np.uint8)
 
 
 def _dictionary(name: str) -> cv2.aruco.Dictionary:

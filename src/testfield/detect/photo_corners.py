@@ -1,18 +1,22 @@
 """Corners that OpenCV found in a photograph, measured by the corner model where its pixels allow it.
 
 Nobody described the sensor, so the noise is estimated from the image, and what the model leaves unexplained widens the
-covariance. Where the model does not fit, OpenCV's place stays, without a covariance.
+covariance. Where the model does not fit, the place at which OpenCV read the corner stays, with the status `read` and
+the covariance of such readings.
 """
 
-from dataclasses import replace
+from collections import Counter
+from dataclasses import astuple
 
 import numpy as np
 
-from testfield.camera.images import Frame
+from testfield.camera.images import Frame, InvertedSheet, SensorSheet
 from testfield.camera.photograph import Photograph
+from testfield.detect.corner_model import FARTHEST_PX
 from testfield.detect.noise import estimate_sheet
-from testfield.detect.observations import Observations
-from testfield.detect.square_boards import detect_squares
+from testfield.detect.observations import MEASURED, READ, Observations
+from testfield.detect.opencv_boards import CORNERS_A_TAG, Corners
+from testfield.detect.square_boards import Seen, detect_squares, measure_corners
 from testfield.detect.target_spec import TargetSpec
 from testfield.targets.board_pattern import BoardPattern, dictionaries, dictionary
 from testfield.targets.field import Field, NominalBoard
@@ -20,48 +24,101 @@ from testfield.targets.marks import Marks
 
 SAME_PX = 1.5
 """The model's corner is OpenCV's where it is this near."""
+READ_PX = {"charuco": 0.25, "checkerboard": 0.25, "aruco": 0.8, "apriltag": 0.8, "acircles": 0.25}
+"""Standard deviations of what OpenCV reads, in each direction."""
+QUIET_CELLS = (1.0, 0.5, 0.25)
+"""White around a tag, in cells: what its makers ask for, and less where it is not there."""
 TAG_MM = 1.0
 
 
-def with_covariance(photograph: Photograph, target: TargetSpec, found: Observations) -> Observations:
-    """The corners `found` by OpenCV with the model's places, covariances and chi-squared where it fits."""
-    boards = _boards(target, np.unique(found.code))
-    if not boards or not len(found):
-        return found
-    sheet = estimate_sheet(photograph.pixels, photograph.bits)
-    corners, _ = detect_squares(Frame(photograph.name, photograph.pixels, sheet), Field(14, boards))
-    corners = corners.measured
+def measure_read(photograph: Photograph, target: TargetSpec, found: Corners) -> tuple[Observations, tuple[str, ...]]:
+    """All corners that were `found`, by the model or as they were read, and notes on the latter."""
+    o = _as_read(photograph.name, target, found)
+    if not len(o):
+        return o, ()
+    image, sheet = photograph.pixels, estimate_sheet(photograph.pixels, photograph.bits, photograph.end_dn)
+    if found.inverted:
+        image, sheet = _inverted(image, sheet)
+    if target.kind in ("aruco", "apriltag"):
+        corners = _tags(image, sheet, photograph.name, target, found)
+    else:
+        field = Field(14, _boards(target, found))
+        corners, _ = detect_squares(Frame(photograph.name, image, sheet), field)
+        if target.kind == "checkerboard" and not len(corners):  # OpenCV reads it either way
+            corners, _ = detect_squares(Frame(photograph.name, *_inverted(image, sheet)), field)
     if not len(corners):
-        return found
-    gap = np.linalg.norm(found.xy_px[:, None] - corners.xy_px[None], axis=2)
+        return o, (f"all {len(o)} points are as OpenCV read them: no model can be fitted",)
+    gap = np.linalg.norm(o.xy_px[:, None] - corners.xy_px[None], axis=2)
+    if target.kind in ("aruco", "apriltag"):  # tag by tag it is known which corner is which
+        tag = np.arange(len(o)) // CORNERS_A_TAG
+        gap[(corners.board != tag[:, None]) | (corners.point != o.point[:, None])] = np.inf
     same = gap.argmin(axis=1)
-    near = gap.min(axis=1) < SAME_PX
-    columns = {name: getattr(found, name).copy() for name in ("xy_px", "cov_px2", "moments_px2", "chi2")}
-    for name, values in columns.items():
-        values[near] = getattr(corners, name)[same[near]]
-    return replace(found, **columns)
+    near = gap.min(axis=1) < (FARTHEST_PX if target.kind in ("aruco", "apriltag") else SAME_PX)
+    good = near & (corners.status[same] == MEASURED)
+    for name in ("xy_px", "cov_px2", "moments_px2", "chi2", "status"):
+        getattr(o, name)[good] = getattr(corners, name)[same[good]]
+    why = Counter(np.where(near, corners.status[same], "no model near")[~good].tolist())
+    told = "; ".join(f"{count} {reason}" for reason, count in why.most_common())
+    return o, (f"{int((~good).sum())} points are as OpenCV read them ({told})",) if told else ()
 
 
-def _boards(target: TargetSpec, numbers: np.ndarray) -> tuple[NominalBoard, ...]:
-    """What stands for the photograph's board; of tags, whose layout nobody told, a board each."""
-    names = {name.upper(): name for name in dictionaries()}
-    tags = target.dictionary.removeprefix("tag") if target.kind == "apriltag" else target.dictionary
-    known = names.get((f"DICT_APRILTAG_{tags}" if target.kind == "apriltag" else tags).upper(), "")
+def _inverted(image: np.ndarray, sheet: SensorSheet) -> tuple[np.ndarray, SensorSheet]:
+    """The image with black and white exchanged, and the sheet of its noise."""
+    other = InvertedSheet(*astuple(sheet))
+    return other.largest_dn - image, other
+
+
+def _as_read(name: str, target: TargetSpec, found: Corners) -> Observations:
+    n = len(found.code)
+    covariance = np.tile(READ_PX[target.kind] ** 2 * np.eye(2), (n, 1, 1))
+    return Observations(
+        (name,), np.zeros(n, int), found.xy_px.copy(), covariance, np.full((n, 2, 2), np.nan), found.code,
+        np.full(n, -1), found.point, np.full(n, np.nan), np.full(n, READ, dtype=object), found.disc,
+    )  # fmt: skip
+
+
+def _tags(image: np.ndarray, sheet: SensorSheet, name: str, target: TargetSpec, found: Corners) -> Observations:
+    """Each tag is a board of its own, for nobody told their layout; pixels of the other tags are left alone."""
+    names = _names(target)
+    quads = found.xy_px.reshape(-1, CORNERS_A_TAG, 2)
+    parts = [_as_read(name, target, found).take(np.zeros(0, int))]
+    for k, number in enumerate(found.code[::CORNERS_A_TAG] if names else ()):
+        pattern = BoardPattern("tags", 1, 1, 2 * TAG_MM, TAG_MM, names, int(number))
+        order = found.point[CORNERS_A_TAG * k : CORNERS_A_TAG * (k + 1)]
+        seen = Seen(pattern.points_mm[order], quads[k], np.delete(quads, k, axis=0))
+        best: Observations | None = None
+        for quiet in QUIET_CELLS:
+            size = TAG_MM * (1 + 2 * quiet / (int(dictionary(names).markerSize) + 2))
+            one = measure_corners(image, sheet, name, k, _board(pattern, np.full(2, size)), seen)
+            if best is None or (one.status == MEASURED).sum() > (best.status == MEASURED).sum():
+                best = one
+            if (one.status == MEASURED).all():
+                break
+        if best is not None:
+            parts.append(best)
+    return Observations.beside(parts)
+
+
+def _names(target: TargetSpec) -> str:
+    """OpenCV's name of the tags' dictionary, empty where it has none."""
+    tags = target.dictionary.removeprefix("tag")
+    word = f"DICT_APRILTAG_{tags}" if target.kind == "apriltag" else target.dictionary
+    return {name.upper(): name for name in dictionaries()}.get(word.upper(), "")
+
+
+def _boards(target: TargetSpec, found: Corners) -> tuple[NominalBoard, ...]:
+    """What stands for the photograph's board."""
+    columns, rows = found.size or (target.columns, target.rows)
     if target.kind == "checkerboard":
-        pattern = BoardPattern("checkerboard", target.columns + 1, target.rows + 1, target.square_mm)
-        return (_board(pattern, 2 * pattern.half_mm),)
-    if target.kind == "charuco" and known:
-        pattern = BoardPattern(
-            "charuco", target.columns, target.rows, target.square_mm, target.marker_mm, known
-        )  # fmt: skip
-        return (_board(pattern, 2 * pattern.half_mm),)
-    if target.kind not in ("aruco", "apriltag") or not known:
+        # OpenCV finds it whichever of its sides is called the columns.
+        sizes = dict.fromkeys([(columns + 1, rows + 1), (rows + 1, columns + 1)])
+        patterns = [BoardPattern("checkerboard", *size, target.square_mm) for size in sizes]
+    elif target.kind == "charuco":
+        sides = target.square_mm, target.marker_mm
+        patterns = [BoardPattern("charuco", columns, rows, *sides, _names(target), legacy=found.legacy)]
+    else:
         return ()
-    # A tag has at least a cell of white around it.
-    quiet = TAG_MM * (1 + 2 / (int(dictionary(known).markerSize) + 2))
-    return tuple(
-        _board(BoardPattern("tags", 1, 1, 2 * TAG_MM, TAG_MM, known, int(k)), np.full(2, quiet)) for k in numbers
-    )
+    return tuple(_board(pattern, 2 * pattern.half_mm) for pattern in patterns)
 
 
 def _board(pattern: BoardPattern, size_mm: np.ndarray) -> NominalBoard:

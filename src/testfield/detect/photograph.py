@@ -1,7 +1,7 @@
 """Targets in a photograph of which nothing is known but what kind of targets it shows."""
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -9,20 +9,24 @@ from testfield.camera.images import InvertedSheet
 from testfield.camera.photograph import Photograph
 from testfield.detect.circle_grid import order_grid
 from testfield.detect.detect import Targets, measure_targets
+from testfield.detect.hints import exposure, of_boards, of_grids, of_rings
 from testfield.detect.noise import estimate_sheet
-from testfield.detect.observations import MEASURED, Observations
-from testfield.detect.opencv_boards import Corners, detect_board
-from testfield.detect.photo_corners import with_covariance
+from testfield.detect.observations import MEASURED, TEXTURE, Observations
+from testfield.detect.opencv_boards import detect_board
+from testfield.detect.photo_corners import measure_read
 from testfield.detect.target_spec import TargetSpec
 from testfield.targets.marks import RADII, USUAL
 
 ON_BLACK, ON_WHITE, AUTO = "white on black", "black on white", "auto"
 SMALLEST_PX = 5.0
+SAME_DOT = 0.25
+"""A measured dot is one that was read where it is this near, in diameters."""
 
 
 @dataclass(frozen=True)
 class Found:
-    """What a photograph shows: its `observations`, `place` (n, 2) column and row in a grid or -1, and `notes`.
+    """What a photograph shows: its `observations`, `place` (n, 2) column and row in a grid or -1, and `notes`;
+    `passed_over` how many blobs of a dot's size have no row, by reason.
 
     Of tags `observations.code` is the number and `point` the corner; of grids and boards `point` is the index, row by
     row.
@@ -31,15 +35,21 @@ class Found:
     observations: Observations
     place: np.ndarray
     notes: tuple[str, ...]
+    passed_over: dict[str, int] = field(default_factory=dict)
+
+    @property
+    def numbers(self) -> np.ndarray:
+        """Which numbers were read, ascending. A tag may have the number 0, which a dot without a code has too."""
+        o = self.observations
+        return np.unique(o.code[(o.code > 0) | ((o.code == 0) & (o.point >= 0) & (self.place[:, 0] < 0))])
 
     @property
     def summary(self) -> str:
         """One line for a person."""
         o = self.observations
         parts = [f"{int((o.status == MEASURED).sum())} measured"]
-        codes = o.code[o.code > 0]
-        if len(codes):
-            parts.append(f"{len(np.unique(codes))} numbers read")
+        if len(self.numbers):
+            parts.append(f"{len(self.numbers)} numbers read")
         if (self.place >= 0).any():
             columns, rows = self.place.max(axis=0) + 1
             parts.append(f"grid of {columns} x {rows}, {int((self.place[:, 0] >= 0).sum())} places filled")
@@ -49,6 +59,8 @@ class Found:
             parts.append(f"median chi-squared of the model {np.median(misfit):.2f}")
         if not len(o.status):
             parts.append("nothing there looks like one")
+        if not (o.status == MEASURED).any():
+            refused.update(self.passed_over)
         return "; ".join(parts + [f"{count} {why}" for why, count in refused.most_common(4)])
 
 
@@ -62,19 +74,30 @@ def detect_in_photograph(
     """Everything of one kind in one photograph. `radii` a key of `RADII`; `polarity` one of the three; dots of less
     than `smallest_px` diameter are not looked for. An image that shows nothing gives an empty result."""
     if target.kind not in ("ring", "circles"):
-        return _of_board(photograph, target, detect_board(photograph.pixels, target))
+        board = _of_board(photograph, target, smallest_px)
+        if not len(board.observations):
+            board = replace(board, notes=(*board.notes, *exposure(photograph), *of_boards(photograph, target)))
+        return board
     ways = (ON_BLACK, ON_WHITE) if polarity == AUTO else (polarity,)
     found = [_dots(photograph, target, way, radii, smallest_px) for way in ways]
-    return max(found, key=_worth)
+    best = max(found, key=_worth)
+    shown = (best.observations.code > 0).any() or (best.place >= 0).any()
+    return best if shown else replace(best, notes=(*best.notes, *exposure(photograph)))
 
 
-def _worth(found: Found) -> tuple[int, int, int]:
+def _worth(found: Found) -> tuple[int, ...]:
+    """What a polarity is chosen by: codes, places in a grid, dots measured; where it has none of these, what was
+    refused of the size and shape of a dot, so that the reason is told."""
     o = found.observations
-    return int((o.code > 0).sum()), int((found.place[:, 0] >= 0).sum()), int((o.status == MEASURED).sum())
+    told = ~np.isin(o.status.astype(str), TEXTURE)
+    return (
+        int((o.code > 0).sum()), int((found.place[:, 0] >= 0).sum()), int((o.status == MEASURED).sum()),
+        int(told.sum()), len(o),
+    )  # fmt: skip
 
 
 def _dots(photograph: Photograph, target: TargetSpec, polarity: str, radii: str, smallest_px: float) -> Found:
-    image, sheet = photograph.pixels, estimate_sheet(photograph.pixels, photograph.bits)
+    image, sheet = photograph.pixels, estimate_sheet(photograph.pixels, photograph.bits, photograph.end_dn)
     middle = float(np.median(image))
     noise = float(np.sqrt(sheet.variance_dn2(np.array(middle))))
     notes = [polarity, f"noise {noise:.2f} DN at the median of {middle:.0f} DN, estimated from the image"]
@@ -88,15 +111,19 @@ def _dots(photograph: Photograph, target: TargetSpec, polarity: str, radii: str,
         place = _grid_places(targets, target)
         if target.columns and not (place >= 0).any():
             notes.append(f"no grid of {target.columns} x {target.rows} dots, or one that is part of a larger grid")
+            notes += of_grids(targets.observations(photograph.name, place[:, 0], place[:, 0]), target)
     if targets.left_out:
         notes.append(f"{targets.left_out} blobs more than can be looked at were left out")
     numbers, count = np.unique(targets.code[targets.code > 0], return_counts=True)
     if (count > 1).any():
         notes.append(f"read more than once: {', '.join(map(str, numbers[count > 1]))}")
+    if target.kind == "ring" and not (targets.code > 0).any():
+        seen = targets.observations(photograph.name, place[:, 0], place[:, 0])
+        notes += of_rings(image, seen, targets.background_dn, targets.contrast_dn)
     none = np.full(len(targets.code), -1)
     columns = place[:, 0].max(initial=-1) + 1
     point = np.where(place[:, 0] >= 0, place[:, 1] * columns + place[:, 0], -1)
-    return Found(targets.observations(photograph.name, none, point), place, tuple(notes))
+    return Found(targets.observations(photograph.name, none, point), place, tuple(notes), targets.passed_over)
 
 
 def _grid_places(targets: Targets, target: TargetSpec) -> np.ndarray:
@@ -107,11 +134,23 @@ def _grid_places(targets: Targets, target: TargetSpec) -> np.ndarray:
     return place
 
 
-def _of_board(photograph: Photograph, target: TargetSpec, corners: Corners) -> Found:
-    n = len(corners.code)
-    nothing = np.full((n, 2, 2), np.nan)
-    observations = Observations(
-        (photograph.name,), np.zeros(n, int), corners.xy_px, nothing, nothing, corners.code, np.full(n, -1),
-        corners.point, np.full(n, np.nan), np.full(n, MEASURED, dtype=object), corners.disc,
-    )  # fmt: skip
-    return Found(with_covariance(photograph, target, observations), corners.place, corners.notes)
+def _of_board(photograph: Photograph, target: TargetSpec, smallest_px: float) -> Found:
+    corners = detect_board(photograph.pixels, target)
+    observations, notes = measure_read(photograph, target, corners)
+    if target.kind == "acircles" and len(observations):
+        ways = (_dots(photograph, TargetSpec("circles"), way, USUAL, smallest_px) for way in (ON_WHITE, ON_BLACK))
+        dots = max(ways, key=_worth).observations.measured
+        notes = _measured_dots(observations, dots)
+    return Found(observations, corners.place, (*corners.notes, *notes))
+
+
+def _measured_dots(read: Observations, dots: Observations) -> tuple[str, ...]:
+    """Put measured dots in the place of those that were only read, and say how many were not."""
+    if len(dots):
+        gap = np.linalg.norm(read.xy_px[:, None] - dots.xy_px[None], axis=2)
+        same = gap.argmin(axis=1)
+        near = gap.min(axis=1) < SAME_DOT * dots.diameter_px[same]
+        for name in ("xy_px", "cov_px2", "moments_px2", "chi2", "status"):
+            getattr(read, name)[near] = getattr(dots, name)[same[near]]
+    left = int((read.status != MEASURED).sum())
+    return (f"{left} dots are as OpenCV read them",) if left else ()

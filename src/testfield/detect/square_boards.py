@@ -4,25 +4,28 @@ What OpenCV reads says where every corner is to a pixel or so, from the corners 
 (`corner_model.py`) is fitted to those pixels that see nothing but the corner's own two edges.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from itertools import product
 
 import cv2
 import numpy as np
 
 from testfield.camera.images import Frame, SensorSheet
+from testfield.camera.plane_image import fit_plane, rough_lens
 from testfield.detect.bright import bright_marks
-from testfield.detect.corner_model import FittedCorners, fit_corners, offsets_px
+from testfield.detect.corner_model import HALF_PX, FittedCorners, fit_corners, offsets_px
+from testfield.detect.eight_bits import pictures
 from testfield.detect.observations import MEASURED, Observations
-from testfield.detect.opencv_boards import eight_bits
+from testfield.detect.opencv_boards import tag_detector
 from testfield.targets.board_pattern import CORNERS_A_TAG, SIDES, BoardPattern, dictionary
 from testfield.targets.field import Field, NominalBoard
 
 NEAREST = 8
 """Known corners that tell where another one is."""
-GROSS_PX = 25.0
-"""A tag farther than this from its board's homography is misread: no lens bends one board so much."""
 CLEAR_PX, CLEAR_OF_BLUR = 1.8, 2.8
 """Nothing but the two edges may be printed within this distance of a pixel that is used, in px and in sigmas."""
+READ_WITHIN_PX = 0.8
+"""How well it is known where neighbouring tags are, which are only read."""
 AROUND = 8
 CHECKERBOARD_TRIALS = 4
 """OpenCV's checkerboard finder draws at random, and now and then it returns points that are no grid."""
@@ -35,23 +38,25 @@ NEARLY_FULL = 0.98
 
 
 @dataclass(frozen=True)
-class _Seen:
-    """What was read of one board: corners (k, 2) in mm on the board and in px."""
+class Seen:
+    """What was read of one board: corners (k, 2) in mm on the board and in px; `others_px` (m, 4, 2) corners of what
+    else is printed nearby, in which no pixel is looked at."""
 
     board_mm: np.ndarray
     image_px: np.ndarray
+    others_px: np.ndarray = field(default_factory=lambda: np.zeros((0, CORNERS_A_TAG, 2)))
 
 
-def detect_squares(frame: Frame, field: Field) -> tuple[Observations, list[np.ndarray]]:
+def detect_squares(frame: Frame, sheets: Field) -> tuple[Observations, list[np.ndarray]]:
     """All corners of all boards of squares and tags in one frame, and the outlines (m, 2) px of what is printed."""
     image, sheet = bright_marks(frame, True)
     read = _Reader(image)
     parts, outlines = [_observations(frame.station)], []
-    for b, board in enumerate(field.boards):
+    for b, board in enumerate(sheets.boards):
         seen = read.board(board.pattern) if board.pattern is not None and board.has_corners else None
         if seen is None or board.pattern is None:
             continue
-        parts.append(_measure(image, sheet, frame.station, b, board, seen))
+        parts.append(measure_corners(image, sheet, frame.station, b, board, seen))
         outlines.append(_outline(board.pattern, seen))
     return Observations.beside(parts), outlines
 
@@ -60,23 +65,27 @@ class _Reader:
     """OpenCV's detectors on one image; tags of one dictionary are looked for once."""
 
     def __init__(self, image: np.ndarray):
-        self.bytes = eight_bits(image)
+        self.image = image
+        self.pictures = list(pictures(image))
         self.tags: dict[str, tuple[np.ndarray, np.ndarray]] = {}
 
-    def board(self, pattern: BoardPattern) -> _Seen | None:
+    def board(self, pattern: BoardPattern) -> Seen | None:
         try:
             return self._checkerboard(pattern) if pattern.kind == "checkerboard" else self._tags(pattern)
         except cv2.error:  # of points on one line, for example
             return None
 
-    def _tags(self, pattern: BoardPattern) -> _Seen | None:
+    def _tags(self, pattern: BoardPattern) -> Seen | None:
         if pattern.names not in self.tags:
-            settings = cv2.aruco.DetectorParameters()
-            settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
-            detector = cv2.aruco.ArucoDetector(dictionary(pattern.names), settings)
-            quads, read, _ = detector.detectMarkers(self.bytes)
-            found = np.zeros(0, int) if read is None else np.asarray(read).ravel().astype(int)
-            self.tags[pattern.names] = found, np.asarray(quads, float).reshape(-1, CORNERS_A_TAG, 2)
+            detector = tag_detector(dictionary(pattern.names))
+            numbers, corners = np.zeros(0, int), np.zeros((0, CORNERS_A_TAG, 2))
+            for picture in self.pictures:
+                quads, read, _ = detector.detectMarkers(picture)
+                found = np.zeros(0, int) if read is None else np.asarray(read).ravel().astype(int)
+                new = ~np.isin(found, numbers)
+                numbers = np.concatenate([numbers, found[new]])
+                corners = np.concatenate([corners, np.asarray(quads, float).reshape(-1, CORNERS_A_TAG, 2)[new]])
+            self.tags[pattern.names] = numbers, corners
         numbers, corners = self.tags[pattern.names]
         once = np.isin(numbers, [k for k in np.unique(numbers) if (numbers == k).sum() == 1])
         mine = np.flatnonzero(once & np.isin(numbers, pattern.tags))
@@ -85,53 +94,59 @@ class _Reader:
         middle = pattern.tag_middles_mm[numbers[mine] - pattern.first_tag]
         board = (middle[:, None] + SIDES * pattern.mark_mm / 2).reshape(-1, 2)
         image = corners[mine].reshape(-1, 2)
-        _, inside = cv2.findHomography(board, image, cv2.RANSAC, GROSS_PX)
-        if inside is None:
-            return None
-        whole = inside.reshape(-1, CORNERS_A_TAG).all(axis=1)
+        whole = self._agree(board, image).reshape(-1, CORNERS_A_TAG).all(axis=1)
         keep = np.repeat(whole, CORNERS_A_TAG)
-        return _Seen(board[keep], image[keep]) if whole.any() else None
+        return Seen(board[keep], image[keep]) if whole.any() else None
 
-    def _checkerboard(self, pattern: BoardPattern) -> _Seen | None:
+    def _agree(self, board_mm: np.ndarray, image_px: np.ndarray) -> np.ndarray:
+        """(n,) which points (n, 2) of a board were read where the others say, whatever the lens."""
+        if len(board_mm) == CORNERS_A_TAG:  # one tag alone contradicts nobody
+            return np.ones(CORNERS_A_TAG, bool)
+        height, width = self.bytes.shape
+        view = board_mm, image_px
+        return fit_plane(view, rough_lens([view], np.array([width - 1, height - 1]) / 2))[1]
+
+    def _checkerboard(self, pattern: BoardPattern) -> Seen | None:
         size = (pattern.columns - 1, pattern.rows - 1)
-        for seed in range(CHECKERBOARD_TRIALS):
+        for picture, seed in product(self.pictures, range(CHECKERBOARD_TRIALS)):
             cv2.setRNGSeed(1 + seed)
-            found, corners = cv2.findChessboardCornersSB(self.bytes, size, flags=cv2.CALIB_CB_ACCURACY)
+            found, corners = cv2.findChessboardCornersSB(picture, size, flags=cv2.CALIB_CB_ACCURACY)
             seen = self._turned(pattern, np.asarray(corners, float).reshape(-1, 2)) if found else None
             if seen is not None:
                 return seen
         return None
 
-    def _turned(self, pattern: BoardPattern, image: np.ndarray) -> _Seen | None:
+    def _turned(self, pattern: BoardPattern, image: np.ndarray) -> Seen | None:
         """Corners (n, 2) px in OpenCV's order with their places on the board; None where they are no such board."""
         board = pattern.points_mm
-        _, inside = cv2.findHomography(board, image, cv2.RANSAC, GROSS_PX)
-        if inside is None or not inside.all() or len(np.unique(image, axis=0)) < len(image):
+        if not self._agree(board, image).all() or len(np.unique(image, axis=0)) < len(image):
             return None
         # Any of the four corners may come first; a board seen from its front is not mirrored, and its squares show
         # which way up it is.
         for x, y in ((1, 1), (-1, -1), (-1, 1), (1, -1)):
-            seen = _Seen(board * [x, y], image)
+            seen = Seen(board * [x, y], image)
             maps = _local_maps(seen, board[:1])
             if maps is not None and np.linalg.det(maps[1][0]) < 0 and self._as_printed(pattern, seen):
                 return seen
         return None
 
-    def _as_printed(self, pattern: BoardPattern, seen: _Seen) -> bool:
+    def _as_printed(self, pattern: BoardPattern, seen: Seen) -> bool:
         """Whether black squares are darker than white ones."""
         x, y = (np.arange(1, n - 1) - (n - 1) / 2 for n in (pattern.columns, pattern.rows))
         middle = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2) * pattern.pitch_mm
         maps = _local_maps(seen, middle)
         if maps is None:
             return False
-        at = np.rint(maps[0]).astype(int).clip(0, np.array(self.bytes.shape[::-1]) - 1)
-        level, black = self.bytes[at[:, 1], at[:, 0]].astype(float), pattern.cells.at(middle)
+        at = np.rint(maps[0]).astype(int).clip(0, np.array(self.image.shape[::-1]) - 1)
+        level, black = self.image[at[:, 1], at[:, 0]].astype(float), pattern.cells.at(middle)
         return bool(level[black].mean() < level[~black].mean())
 
 
-def _measure(
-    image: np.ndarray, sheet: SensorSheet, station: str, b: int, board: NominalBoard, seen: _Seen
+def measure_corners(
+    image: np.ndarray, sheet: SensorSheet, station: str, b: int, board: NominalBoard, seen: Seen
 ) -> Observations:
+    """The corners of board number `b` in an image (h, w) of `sheet`, measured by the model from where they were seen;
+    what cannot be measured has a status that says why."""
     pattern = board.pattern
     assert pattern is not None
     points = pattern.points_mm
@@ -159,7 +174,9 @@ def _measure(
     crossing = np.full(len(point), pattern.kind != "tags")
     clear = CLEAR_PX
     for _ in range(2):
-        use = _clear_pixels(board, points[point], xy, axes, clear)
+        use = _clear_pixels(board, points[point], xy, axes, clear) & ~_covered(
+            seen.others_px, xy, clear + READ_WITHIN_PX
+        )
         fitted = fit_corners(image, sheet, xy, edges, crossing, use)
         if not fitted.ok.any():
             break
@@ -188,7 +205,7 @@ def _status(fitted: FittedCorners, sheet: SensorSheet) -> np.ndarray:
     return status
 
 
-def _local_maps(seen: _Seen, at_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+def _local_maps(seen: Seen, at_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
     """Places (n, 2) px of points (n, 2) of the board and their derivatives (n, 2, 2) px/mm, from the corners nearest to
     each: a homography of the neighbourhood follows the lens. None where nothing is determined."""
     places, slopes = np.zeros((len(at_mm), 2)), np.zeros((len(at_mm), 2, 2))
@@ -225,7 +242,21 @@ def _clear_pixels(
     return np.asarray((same & on_paper).all(axis=2).reshape(n, -1))
 
 
-def _outline(pattern: BoardPattern, seen: _Seen) -> np.ndarray:
+def _covered(others_px: np.ndarray, xy_px: np.ndarray, clear_px: float) -> np.ndarray:
+    """(n, k) which pixels of each corner's window lie in or near one of the convex quadrangles (m, 4, 2)."""
+    at = np.rint(xy_px)[:, None] + offsets_px()
+    covered = np.zeros(at.shape[:2], bool)
+    for quad in others_px:
+        side = np.roll(quad, -1, axis=0) - quad
+        normal = np.column_stack([side[:, 1], -side[:, 0]]) / np.linalg.norm(side, axis=1)[:, None]
+        normal *= np.sign(np.einsum("ki,ki->k", normal, quad.mean(axis=0) - quad))[:, None]  # inwards
+        near = np.abs(xy_px - quad.mean(axis=0)).max(axis=1) < np.abs(quad - quad.mean(axis=0)).max() + 3 * HALF_PX
+        inwards = np.einsum("nkji,ji->nkj", at[near][:, :, None] - quad, normal)
+        covered[near] |= (inwards > -clear_px).all(axis=2)
+    return covered
+
+
+def _outline(pattern: BoardPattern, seen: Seen) -> np.ndarray:
     """(4, 2) px of the corners of all that is printed."""
     H, _ = cv2.findHomography(seen.board_mm, seen.image_px)
     return np.zeros((4, 2)) if H is None else cv2.perspectiveTransform((SIDES * pattern.half_mm)[None], H)[0]

@@ -10,7 +10,7 @@ from testfield.camera.circle import disc_image
 from testfield.camera.interior import Interior
 from testfield.camera.lens import jacobian_xy
 from testfield.camera.pose import Poses, cross_matrix
-from testfield.camera.project import camera_jacobian, directions
+from testfield.camera.project import camera_jacobian, plane_of
 from testfield.detect.observations import Observations
 from testfield.targets.field import Field
 
@@ -109,8 +109,9 @@ def rays_of(sights: Sights, calibration: Calibration, xyz_mm: np.ndarray) -> Ray
     uv = uv.reshape(n, k, 2)
     residual = sights.xy_px - _predicted(sights, interior, poses, xyz_mm, uv)
     # What a disc adds to its centre's projection is taken away before the pixel becomes a ray.
-    plane = directions(interior, uv + residual)[..., :2]
-    slope = jacobian_xy(interior.lens, plane, interior.parameters[4:]) * interior.parameters[:2, None]
+    plane = plane_of(interior, uv + residual)
+    slope = jacobian_xy(interior.lens, plane, interior.coefficients) * interior.parameters[:2, None]
+    slope = interior.displacement_slope(uv) @ slope if interior.modes else slope
     flat = np.concatenate([np.broadcast_to(np.eye(2), (n, k, 2, 2)), -plane[..., None]], axis=-1)
     good = sights.there & np.isfinite(residual).all(axis=-1) & np.isfinite(plane).all(axis=-1)
 

@@ -1,7 +1,8 @@
 """A Mitsuba sensor with lens distortion, depth of field, motion and a rolling shutter, exact per ray.
 
 Mitsuba's own cameras have one focal length and no distortion. This one undistorts each ray by Newton's method
-inside the kernel. All numbers that change from view to view are opaque variables, so no view compiles again.
+inside the kernel, of a fisheye its angle, which may exceed 90 degrees. All numbers that change from view to view are
+opaque variables, so no view compiles again.
 """
 
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ from testfield.camera.motion import Twist
 from testfield.render.variant import mitsuba
 from testfield.scene.world import World
 
-NEWTON_STEPS = 6
+NEWTON_STEPS, ANGLE_STEPS = 6, 12
 FIELD_STEPS = 3
 
 
@@ -33,18 +34,6 @@ class _DeviceMaths:
 
         return dr.atan2(y, x)
 
-    @staticmethod
-    def tan(x: Any) -> Any:
-        import drjit as dr
-
-        return dr.tan(x)
-
-    @staticmethod
-    def minimum(x: Any, y: Any) -> Any:
-        import drjit as dr
-
-        return dr.minimum(x, y)
-
 
 def _chebyshev(x: Any, count: int) -> list[Any]:
     """The first `count` Chebyshev polynomials."""
@@ -56,14 +45,15 @@ def _chebyshev(x: Any, count: int) -> list[Any]:
 
 @dataclass(frozen=True)
 class Rays:
-    """Rays in the world: `origin` in mm, `direction` with unit depth along the optical axis, its derivatives `by_x` and
-    `by_y` in px, and the `time` in s at which they pass."""
+    """Rays in the world: `origin` in mm, `direction` of any length, its derivatives `by_x` and `by_y` in px, the `time`
+    in s at which they pass, and the `cosine` of the field angle."""
 
     origin: Any
     direction: Any
     by_x: Any
     by_y: Any
     time: Any
+    cosine: Any
 
 
 class DeviceTwist:
@@ -119,6 +109,10 @@ class CameraRays:
         self.middle_row = mi.Float((interior.height_px - 1) / 2)
         self.row_s, self.exposure_s = mi.Float(motion.row_s), mi.Float(motion.exposure_s)
         timing = self.middle_row, self.row_s, self.exposure_s
+        angle = interior.lens.last_angle
+        self.last_angle = None if angle is None else mi.Float(angle(interior.coefficients))
+        if self.last_angle is not None:
+            dr.make_opaque(self.last_angle)
         dr.make_opaque(self.parameters, self.field, self.rotation, self.origin, self.pupil_mm, *timing)
         if self.focus_mm is not None:
             dr.make_opaque(self.focus_mm)
@@ -126,13 +120,16 @@ class CameraRays:
     def at(self, x_px: Any, y_px: Any, pupil_x_mm: Any = 0.0, pupil_y_mm: Any = 0.0, time_s: Any = 0.0) -> Rays:
         """Rays of pixels through a point of the entrance pupil, `time_s` from the middle of their rows' exposures."""
         mi = mitsuba()
+        import drjit as dr
+
         direction, by_x, by_y = self._undistorted(x_px, y_px)
         origin = mi.Vector3f(0, 0, 0)
         time = mi.Float(time_s)
         if self.focus_mm is not None:
             # All rays of a pixel meet on the plane in focus.
             pupil = mi.Vector3f(pupil_x_mm, pupil_y_mm, 0)
-            origin, direction = origin + pupil, direction - pupil / self.focus_mm
+            origin, direction = origin + pupil, direction - pupil * (direction.z / self.focus_mm)
+        cosine = direction.z / dr.norm(direction)
         if self.motion.moves and self.motion.row_s:
             time = time + (y_px - self.middle_row) * self.row_s
         if self.twist is not None:
@@ -142,16 +139,18 @@ class CameraRays:
             start = self.origin
         else:
             start = self.origin + self._rotate(origin)
-        return Rays(start, self._rotate(direction), self._rotate(by_x), self._rotate(by_y), time)
+        return Rays(start, self._rotate(direction), self._rotate(by_x), self._rotate(by_y), time, cosine)
 
     def _undistorted(self, x_px: Any, y_px: Any) -> tuple[Any, Any, Any]:
-        """Direction in the camera with unit depth, and its derivatives by x and y in px."""
+        """Direction in the camera with unit depth, of a fisheye of unit length; its derivatives by x and y in px."""
         mi = mitsuba()
         fx, fy, cx, cy, *c = self.parameters
         x_px, y_px = self._without_field(x_px, y_px)
         xd, yd = (x_px - cx) / fx, (y_px - cy) / fy
         lens, maths = self.interior.lens, _DeviceMaths
-        x, y = lens.start(mi.Float(xd), mi.Float(yd), maths)
+        if self.last_angle is not None:
+            return self._by_angle(xd, yd)
+        x, y = mi.Float(xd), mi.Float(yd)
         for _ in range(NEWTON_STEPS):
             ex, ey, xx, xy, yx, yy = lens.image(x, y, c, maths)
             ex, ey, inverse_det = ex - xd, ey - yd, 1 / (xx * yy - xy * yx)
@@ -161,6 +160,31 @@ class CameraRays:
         by_x = mi.Vector3f(yy * inverse_det / fx, -yx * inverse_det / fx, 0)
         by_y = mi.Vector3f(-xy * inverse_det / fy, xx * inverse_det / fy, 0)
         return mi.Vector3f(x, y, 1), by_x, by_y
+
+    def _by_angle(self, xd: Any, yd: Any) -> tuple[Any, Any, Any]:
+        """Of a fisheye: Newton's method for the angle, and bisection wherever a step would leave the bracket."""
+        mi = mitsuba()
+        import drjit as dr
+
+        fx, fy, _, _, *c = self.parameters
+        r = dr.sqrt(xd * xd + yd * yd)
+        low, high = mi.Float(0), mi.Float(self.last_angle)
+        angle = dr.minimum(r, high)
+        for _ in range(ANGLE_STEPS):
+            image, slope = self.interior.lens.radial(angle, c)
+            low, high = dr.select(image <= r, angle, low), dr.select(image > r, angle, high)
+            step = angle - (image - r) / slope
+            angle = dr.select((step >= low) & (step <= high), step, (low + high) / 2)
+        sine, cosine = dr.sincos(angle)
+        slope = self.interior.lens.radial(angle, c)[1]
+        away = r > 1e-12
+        ux, uy = dr.select(away, xd / r, 0), dr.select(away, yd / r, 0)
+        across = dr.select(away, sine / r, 1)
+        # Along the radius the angle changes, across it the direction about the axis.
+        along = cosine / slope - across
+        by_x = mi.Vector3f(across + along * ux * ux, along * ux * uy, -sine / slope * ux) / fx
+        by_y = mi.Vector3f(along * ux * uy, across + along * uy * uy, -sine / slope * uy) / fy
+        return mi.Vector3f(sine * ux, sine * uy, cosine), by_x, by_y
 
     def _without_field(self, x_px: Any, y_px: Any) -> tuple[Any, Any]:
         """Pixels before the residual field moved them; its slope is far too small to change a footprint."""
@@ -284,8 +308,7 @@ class Vignetting:
         r2 = ((x_px - middle_x) ** 2 + (y_px - middle_y) ** 2) * scale
         v1, v2, v3 = self.coefficients
         factor = dr.clip(1 + r2 * (v1 + r2 * (v2 + r2 * v3)), 0, 1)
-        # The direction has unit depth, so the field angle's cosine is one over its length.
-        return factor / dr.square(dr.squared_norm(rays.direction)) if self.natural else factor
+        return factor * dr.square(dr.square(dr.maximum(rays.cosine, 0))) if self.natural else factor
 
 
 def opaque_float(value: float) -> Any:

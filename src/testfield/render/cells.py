@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from testfield.render.footprint import half_plane, quarter_plane
+from testfield.render.lookup import bin_of
 from testfield.render.variant import mitsuba
 from testfield.scene.world import Print
 
@@ -82,8 +83,7 @@ class _Lines:
 
         bins = of_print(self.bins, mi.UInt32)
         place = (at - of_print(self.low, mi.Float)) * of_print(self.bins_a_mm, mi.Float)
-        bin_ = mi.UInt32(dr.clip(place, 0, mi.Float(bins) - 1))
-        line = dr.gather(mi.UInt32, self.before, of_print(self.first_bin, mi.UInt32) + bin_)
+        line = dr.gather(mi.UInt32, self.before, of_print(self.first_bin, mi.UInt32) + bin_of(place, bins))
         first, last = of_print(self.first_line, mi.UInt32), of_print(self.last, mi.UInt32)
         # A bin holds one line at most besides the one before it: of those three the nearest is the nearest of all.
         best, best_mm = line, dr.gather(mi.Float, self.at, first + line)

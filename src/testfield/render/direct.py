@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from testfield.render.fetch import fetch
+from testfield.render.lookup import cell_of
 from testfield.render.variant import mitsuba
 from testfield.scene.world import AreaLight, World
 
@@ -195,7 +197,7 @@ def _visible_part(light: AreaLight, scene: Any, points_mm: np.ndarray, normals: 
         shadow = mi.Ray3f(mi.Point3f(origin), to * dr.rsqrt(d2), dr.sqrt(d2) * (1 - 1e-4), 0.0, mi.Color0f())
         lit = dr.select(scene.ray_test(shadow, weight > 0), 0, weight)
         dr.eval(lit, weight)
-        lit_sum, all_sum = (np.asarray(v).reshape(batch, rays).sum(axis=1, dtype=np.float64) for v in (lit, weight))
+        lit_sum, all_sum = (fetch(v).reshape(batch, rays).sum(axis=1, dtype=np.float64) for v in (lit, weight))
         fresh = min(batch, len(points_mm) - start)
         part[start : start + fresh] = (lit_sum / np.maximum(all_sum, 1e-300))[:fresh]
     return part
@@ -219,13 +221,11 @@ class DirectLookup:
         import drjit as dr
 
         rows, columns = dr.gather(mi.UInt32, self.rows, panel), dr.gather(mi.UInt32, self.columns, panel)
-        x, y = dr.clip(uv.x, 0, 1) * mi.Float(columns), dr.clip(uv.y, 0, 1) * mi.Float(rows)
-        column, row = dr.minimum(mi.UInt32(x), columns - 1), dr.minimum(mi.UInt32(y), rows - 1)
+        # Tiles share their outermost nodes, so a tile of a row of tiles is an interval between its ends.
+        (column, x), (row, y) = cell_of(uv.x * mi.Float(columns), columns + 1), cell_of(uv.y * mi.Float(rows), rows + 1)
         tile = dr.gather(mi.UInt32, self.first, panel) + row * columns + column
         nodes = dr.gather(mi.UInt32, self.nodes, tile)
-        x, y = (x - mi.Float(column)) * mi.Float(nodes - 1), (y - mi.Float(row)) * mi.Float(nodes - 1)
-        i, j = dr.minimum(mi.UInt32(x), nodes - 2), dr.minimum(mi.UInt32(y), nodes - 2)
-        fx, fy = x - mi.Float(i), y - mi.Float(j)
+        (i, fx), (j, fy) = cell_of(x * mi.Float(nodes - 1), nodes), cell_of(y * mi.Float(nodes - 1), nodes)
         node = dr.gather(mi.UInt32, self.start, tile) + j * nodes + i
         a, b = (dr.gather(mi.Float, self.values, node + k) for k in (0, 1))
         c, d = (dr.gather(mi.Float, self.values, node + nodes + k) for k in (0, 1))

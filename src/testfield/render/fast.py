@@ -13,6 +13,7 @@ import numpy as np
 
 from testfield.camera.images import Radiance
 from testfield.render.camera_plugin import CameraRays, DeviceTwist, Rays, Vignetting, opaque_float, vignettes
+from testfield.render.fetch import fetch
 from testfield.render.irradiance import Irradiance, IrradianceSum
 from testfield.render.mesh_light import MeshLookup
 from testfield.render.points import flash_sources, light_from, room_sources
@@ -95,7 +96,7 @@ class _View:
             total = total + radiance if len(exposure) > 1 else radiance
             dr.eval(total)
             progress(1 / len(exposure))
-        return np.asarray(total).reshape(rows, columns) / np.float32(len(exposure))
+        return fetch(total).reshape(rows, columns) / np.float32(len(exposure))
 
     def _radiance(self, rays: Rays, cells: int) -> Any:
         """Mean radiance of the cells whose middles the rays pass through."""
@@ -145,8 +146,12 @@ class _View:
             return _first(self.stage, self.stage.scene, rays), rays
         # Light takes no time: to meet what has moved is to meet it at rest with a ray that moved the other way.
         turned = [self.target.turn_back(v, rays.time) for v in (rays.direction, rays.by_x, rays.by_y)]
-        moved = Rays(self.target.rest(rays.origin, rays.time), turned[0], turned[1], turned[2], rays.time)
-        still, moving = _first(self.stage, self.stage.still, rays), _first(self.stage, self.stage.moving, moved)
+        moved = Rays(self.target.rest(rays.origin, rays.time), turned[0], turned[1], turned[2], rays.time, rays.cosine)
+        # On a GPU a kernel traces in one scene alone, so what is met in each is computed before the next is asked.
+        still = _first(self.stage, self.stage.still, rays)
+        dr.eval(still)
+        moving = _first(self.stage, self.stage.moving, moved)
+        dr.eval(moving)
         nearer = moving.t < still.t
         chosen = [
             dr.select(nearer, a, b)
@@ -157,7 +162,9 @@ class _View:
                 (moved.by_y, rays.by_y),
             )
         ]
-        return dr.select(nearer, moving, still), Rays(chosen[0], chosen[1], chosen[2], chosen[3], rays.time)
+        return dr.select(nearer, moving, still), Rays(
+            chosen[0], chosen[1], chosen[2], chosen[3], rays.time, rays.cosine
+        )
 
 
 def _first(stage: Stage, scene: Any, rays: Rays) -> Any:

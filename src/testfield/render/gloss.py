@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from testfield.render.camera_plugin import CameraRays, Vignetting, vignettes
+from testfield.render.fetch import fetch
 from testfield.render.irradiance import MAX_DEPTH
 from testfield.render.materials import coat, coat_pdf, sample_coat
 from testfield.render.sampled import Estimate
@@ -48,8 +49,7 @@ def pixel_estimate(stage: Stage, station: int, radiance: Any) -> Estimate:
         value = radiance(sampler, mi.RayDifferential3f(mi.Ray3f(seen.origin, dr.normalize(seen.direction))))
         if vignetting is not None:
             value *= vignetting.at(x_px, y_px, seen)
-        dr.eval(value)
-        values = np.asarray(value).reshape(len(pixels), samples).astype(float)
+        values = fetch(value).reshape(len(pixels), samples).astype(float)
         return values.sum(axis=1), (values**2).sum(axis=1)
 
     return estimate

@@ -15,6 +15,8 @@ from numpy.polynomial import chebyshev
 
 from testfield.render.camera_plugin import opaque_float
 from testfield.render.direct import LATTICE, LEVELS, DirectLight, DirectLookup, compute_direct
+from testfield.render.fetch import fetch
+from testfield.render.lookup import cell_of
 from testfield.render.mesh_light import MeshLight, compute_mesh_light
 from testfield.render.stage import Stage
 from testfield.render.variant import mitsuba
@@ -175,8 +177,7 @@ def _sample(
     hit = stage.scene.ray_intersect(ray)
     direct = dr.select(hit.is_valid() & stage.is_lamp(hit), hit.emitter(stage.scene).eval(hit)[0], 0)
     total = dr.pi * (radiance[0] - direct)
-    dr.eval(total)
-    return np.asarray(total).reshape(len(points), paths)
+    return fetch(total).reshape(len(points), paths)
 
 
 def _nodes(mean: np.ndarray, variance: np.ndarray) -> np.ndarray:
@@ -237,10 +238,8 @@ class IrradianceLookup:
 
         rows, columns = dr.gather(mi.UInt32, self.rows, panel), dr.gather(mi.UInt32, self.columns, panel)
         start = dr.gather(mi.UInt32, self.start, panel)
-        x = dr.clip(uv.x, 0, 1) * mi.Float(columns - 1)
-        y = dr.clip(uv.y, 0, 1) * mi.Float(rows - 1)
-        column, row = dr.minimum(mi.UInt32(x), columns - 2), dr.minimum(mi.UInt32(y), rows - 2)
-        fx, fy = x - mi.Float(column), y - mi.Float(row)
+        column, fx = cell_of(uv.x * mi.Float(columns - 1), columns)
+        row, fy = cell_of(uv.y * mi.Float(rows - 1), rows)
         first = start + row * columns + column
         a, b = (dr.gather(mi.Float, self.values, first + k) for k in (0, 1))
         c, d = (dr.gather(mi.Float, self.values, first + columns + k) for k in (0, 1))

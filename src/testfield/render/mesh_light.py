@@ -14,6 +14,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from testfield.render.direct import direct_irradiance
+from testfield.render.lookup import bin_of
 from testfield.render.variant import mitsuba
 from testfield.scene.world import TrueMesh, World
 
@@ -210,12 +211,12 @@ class MeshLookup:
         side = dr.select(front, side, side + dr.gather(mi.UInt32, self.faces, number, here))
         n = dr.gather(mi.UInt32, self.cells, side, seen)
         # Without texture coordinates a mesh's uv are the barycentric weights of the second and third corner.
-        u, v = dr.clip(hit.uv.x, 0, 1) * mi.Float(n), dr.clip(hit.uv.y, 0, 1) * mi.Float(n)
-        last = dr.maximum(n, 1) - 1
-        i = dr.minimum(mi.UInt32(u), last)
-        j = dr.minimum(mi.UInt32(v), last - i)
+        u, v = hit.uv.x * mi.Float(n), hit.uv.y * mi.Float(n)
+        cells = dr.maximum(n, 1)
+        i = bin_of(u, cells)
+        j = bin_of(v, cells - i)
         fu, fv = dr.clip(u - mi.Float(i), 0, 1), dr.clip(v - mi.Float(j), 0, 1)
-        far = (fu + fv > 1) & (i + j < last)
+        far = (fu + fv > 1) & (i + j < cells - 1)
         start = dr.gather(mi.UInt32, self.start, side, seen)
 
         def value(di: int, dj: int, where: Any) -> Any:

@@ -9,6 +9,7 @@ import numpy as np
 
 from testfield.camera.images import Radiance
 from testfield.render.camera_plugin import mitsuba_sensor
+from testfield.render.fetch import fetch
 from testfield.render.irradiance import MAX_DEPTH
 from testfield.render.psf import PointSpread, point_spread
 from testfield.render.stage import Stage, build_stage
@@ -40,7 +41,7 @@ def render_path(
     while done < samples:
         now = min(a_pass, samples - done)
         image = mi.render(scene, sensor=sensor, integrator=integrator, spp=now, seed=seed + done)
-        total += now * np.asarray(image, np.float64)[..., 0]
+        total += now * fetch(image)[..., 0].astype(float)
         done += now
         progress(now / samples)
     fine = (total / samples).astype(np.float32)
@@ -54,16 +55,15 @@ def path_noise(stage: Stage, station: int, samples: int, seed: int) -> np.ndarra
     world = stage.world
     scene, spread, samples = _as_asked(stage, station, samples)
     nested = {"type": "path", "max_depth": MAX_DEPTH + 1, "rr_depth": 1000}
-    moments = np.asarray(
+    moments = fetch(
         mi.render(
             scene,
             sensor=mitsuba_sensor(world, station, spread.cells, spread.margin),
             integrator=mi.load_dict({"type": "moment", "nested": nested}),
             spp=PILOT_SAMPLES,
             seed=seed ^ 0x5EED,
-        ),
-        np.float64,
-    )
+        )
+    ).astype(float)
     variance = np.maximum(moments[..., 4] - moments[..., 1] ** 2, 0) * PILOT_SAMPLES / (PILOT_SAMPLES - 1)
     squared = replace(spread, line=None if spread.line is None else spread.line**2, plane=spread.plane**2)
     cells = (variance / samples).astype(np.float32)

@@ -12,6 +12,7 @@ import numpy as np
 
 from testfield.render.cells import CellTables
 from testfield.render.footprint import half_plane, quarter_plane
+from testfield.render.lookup import bin_of
 from testfield.render.variant import mitsuba
 from testfield.scene.world import Dirt, Panels, Print, TrueMarks
 from testfield.targets.ring_code import word_of_number
@@ -62,8 +63,7 @@ class PatternTables:
         x, y = (uv.x - 0.5) * width, (uv.y - 0.5) * height
         jacobian = (duv_dx.x * width, duv_dy.x * width, duv_dx.y * height, duv_dy.y * height)
         columns, rows = dr.gather(mi.UInt32, self.columns, panel), dr.gather(mi.UInt32, self.rows, panel)
-        column = mi.UInt32(dr.clip(uv.x * mi.Float(columns), 0, mi.Float(columns) - 1))
-        row = mi.UInt32(dr.clip(uv.y * mi.Float(rows), 0, mi.Float(rows) - 1))
+        column, row = bin_of(uv.x * mi.Float(columns), columns), bin_of(uv.y * mi.Float(rows), rows)
         first = dr.gather(mi.UInt32, self.start, panel) + (row * columns + column) * self.candidates
         part = tuple(value / parts for value in jacobian)
         middle = (np.arange(parts) + 0.5) / parts - 0.5
@@ -107,7 +107,7 @@ class PatternTables:
         boundary = dr.round(turn)
         spoke = r * dr.sin((turn - boundary) * (2 * np.pi / self.bits))
         clockwise = half_plane(spoke, tangential)
-        after = mi.UInt32(boundary) % self.bits
+        after = bin_of(boundary, self.bits + 1) % self.bits
         before = (after + self.bits - 1) % self.bits
         bit_after = mi.Float((word >> (self.bits - 1 - after)) & 1)
         bit_before = mi.Float((word >> (self.bits - 1 - before)) & 1)
@@ -154,8 +154,7 @@ class DirtTables:
         x, y = (uv.x - 0.5) * width, (uv.y - 0.5) * height
         xx, xy, yx, yy = duv_dx.x * width, duv_dy.x * width, duv_dx.y * height, duv_dy.y * height
         columns, rows = dr.gather(mi.UInt32, self.columns, panel), dr.gather(mi.UInt32, self.rows, panel)
-        column = mi.UInt32(dr.clip(uv.x * mi.Float(columns), 0, mi.Float(columns) - 1))
-        row = mi.UInt32(dr.clip(uv.y * mi.Float(rows), 0, mi.Float(rows) - 1))
+        column, row = bin_of(uv.x * mi.Float(columns), columns), bin_of(uv.y * mi.Float(rows), rows)
         first = dr.gather(mi.UInt32, self.start, panel) + (row * columns + column) * self.candidates
         middle = (np.arange(parts) + 0.5) / parts - 0.5
         for k in range(self.candidates):

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from testfield.render.lookup import bin_of
 from testfield.render.materials import Materials, coat, retro_coefficient
 from testfield.render.variant import mitsuba
 from testfield.scene.world import World
@@ -124,7 +125,7 @@ def flash_class() -> type:
         def sample_direction(self, it, sample, active=True):  # type: ignore[no-untyped-def]
             sources = self.sources
             assert sources is not None
-            index = dr.minimum(mi.UInt32(sample.x * sources.count), sources.count - 1)
+            index = bin_of(sample.x * sources.count, sources.count)
             ds = dr.zeros(mi.DirectionSample3f)
             ds.p = sources.place(index)
             ds.n = mi.Normal3f(sources.axis)

@@ -14,6 +14,7 @@ from testfield.camera.images import Radiance
 from testfield.render.bounce import flash_bounce
 from testfield.render.camera_plugin import CameraRays
 from testfield.render.fast import render_fast
+from testfield.render.fetch import fetch
 from testfield.render.gloss import gloss_estimate, pixel_estimate
 from testfield.render.irradiance import MAX_DEPTH, Irradiance
 from testfield.render.path import PILOT_SAMPLES, path_noise, render_path
@@ -118,7 +119,7 @@ def white_radiance(stage: Stage, station: int, values: np.ndarray) -> float:
     rays = CameraRays(world, station).at(mi.Float(index % width), mi.Float(index // width))
     hit = stage.scene.ray_intersect(mi.Ray3f(rays.origin, dr.normalize(rays.direction)))
     facing = hit.is_valid() & (hit.wi.z > 0) & ~stage.is_lamp(hit)
-    panel = np.asarray(dr.select(facing, mi.Int32(stage.texture.panel(hit)), -1)).reshape(height, width)
+    panel = fetch(dr.select(facing, mi.Int32(stage.texture.panel(hit)), -1)).reshape(height, width)
     marked = np.isin(panel, world.marks.panel)
     return float(max(np.percentile(values[marked] if marked.any() else values, WHITE_PERCENTILE), 1e-12))
 

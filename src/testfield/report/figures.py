@@ -7,7 +7,7 @@ from testfield.calibrate.calibration import Calibration
 from testfield.camera.images import Frame
 from testfield.detect.observations import MEASURED, Observations
 from testfield.report.plan import ELEVATION, PLAN, draw_field
-from testfield.report.style import ACCENT, INK, WARM, figure, svg_of
+from testfield.report.style import ACCENT, INK, WARM, figure, shown, svg_of
 from testfield.scene.world import World
 from testfield.score.camera import true_in_datum
 from testfield.score.detection import DetectionScore
@@ -19,7 +19,7 @@ PICTURE_WIDTH = 1240
 def detections(frame: Frame, observations: Observations) -> bytes:
     """A frame with what detection found drawn in: plain dots, codes with their numbers, and what was turned down."""
     image = frame.pixels_dn.astype(np.float64) - frame.sheet.black_level_dn
-    grey = (255 * (image / np.percentile(image, 99.8)).clip(0, 1) ** (1 / 2.2)).astype(np.uint8)
+    grey = (255 * shown(image)).astype(np.uint8)
     scale = max(1.0, PICTURE_WIDTH / grey.shape[1])
     colour = cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)
     station = observations.stations.index(frame.station)

@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from testfield.calibrate.rejections import lossy
 from testfield.calibrate.ties import point_name
 from testfield.chain.measure import Measurement
 from testfield.detect.observations import MEASURED
@@ -51,14 +52,20 @@ def write_measurement(result: Measurement, field: FieldFile, folder: Path, image
         "joined": list(result.calibration.station_names),
         "datum": result.datum,
         "figures": _figures(result),
-        "interior": result.calibration.interior.to_json(),
+        "interior": result.calibration.interior.without_modes.to_json(),
         "interior_u": _interior_u(result),
         "reprojection_rms_px": result.calibration.reprojection_rms_px,
         "sigma0": result.calibration.sigma0,
+        "lens_misfit": result.calibration.misfit or None,
+        "halves": asdict(result.halves),
         "points": len(points),
         "uncoded": result.uncoded,
         "lengths": [asdict(length) for length in result.lengths],
         "rejected": list(result.calibration.rejected),
+        "rejections": list(result.calibration.rejections),
+        "certificates": list(result.calibration.certificates),
+        "failures": list(result.calibration.failures),
+        "passed": not result.calibration.failures,
         "notes": list(result.calibration.notes),
     }
     with whole(folder / "measurement.json") as path:
@@ -70,7 +77,7 @@ def write_measurement(result: Measurement, field: FieldFile, folder: Path, image
 
 def _interior_u(result: Measurement) -> dict[str, float]:
     c = result.calibration
-    own = [name for name in c.interior.names if name in c.labels]
+    own = [name for name in c.interior.without_modes.names if name in c.labels]
     return {name: float(np.sqrt(c.covariance[k, k])) for name, k in zip(own, c.index(own), strict=True)}
 
 
@@ -94,10 +101,17 @@ def _figures(result: Measurement) -> list[tuple[str, str]]:
             ("claimed u of a coordinate, rms", f"{mean:.4f} mm"),
             ("the field's diagonal over that", f"1 : {extent / max(mean, 1e-12):,.0f}"),
         ]
-    worst = [length for length in result.lengths if length.en is not None]
+    rows += [difference.sentence for difference in result.halves.differences]
+    if result.halves.note:
+        rows.append(("halves of the images", result.halves.note))
+    worst = [length for length in result.lengths if length.en is not None and length.role == "check"]
     if worst:
         length = max(worst, key=lambda item: abs(item.en or 0))
-        rows.append(("check distance, measured minus certified", f"{length.measured_mm - length.certified_mm:+.4f} mm"))
+        off, en = length.measured_mm - length.certified_mm, length.en or 0.0
+        verdict = "" if abs(en) <= 1 else f", FAILED (E_n {en:+.2f})"
+        rows.append(("check distance, measured minus certified", f"{off:+.4f} mm{verdict}"))
+    if c.failures:
+        rows.append(("verdict", f"NOT passed: {len(c.failures)} failure(s)"))
     return rows
 
 
@@ -108,7 +122,7 @@ def _page(
     best = o.stations[int(np.bincount(o.measured.station, minlength=len(o.stations)).argmax())]
     interior = [
         (name, ("{:.3f}" if k < 4 else "{:.6g}").format(c.interior.parameters[k]), summary["interior_u"].get(name))
-        for k, name in enumerate(c.interior.names)
+        for k, name in enumerate(c.interior.without_modes.names)
     ]
     places = c.stations.origin_mm
     stations = [
@@ -127,7 +141,8 @@ def _page(
         picture=_picture(folder / f"{best}.png"), plan=_svg(point_plan(result)) if len(points) else None,
         residuals=_svg(figures.residual_map(c)), interior=interior, stations=stations, points=rows,
         counts=sorted(zip(statuses.tolist(), counts.tolist(), strict=True), key=lambda row: -row[1]),
-        rejected=c.rejected, images=images,
+        rejected=c.rejected, images=images, failures=c.failures, groups=lossy(c.rejections),
+        certificates=c.certificates,
     )  # fmt: skip
 
 

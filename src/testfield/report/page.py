@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from testfield.calibrate.calibration import Calibration
+from testfield.calibrate.rejections import lossy
 from testfield.camera.images import Frame
 from testfield.certify.certificate import floor_of
 from testfield.detect.observations import MEASURED, Observations
@@ -49,6 +50,9 @@ def write_report(world: World, views: Views, scene: SceneFile, folder: Path, not
         graph=_graph_rows(calibration),
         board_quality=calibration.board_quality,
         test=calibration.test,
+        certificates=calibration.certificates,
+        groups=lossy(calibration.rejections),
+        failures=card["verdict"]["failures"],
         rejected=calibration.rejected,
         counts=_status_rows(observations),
         certificate=floor_of(folder),
@@ -97,7 +101,7 @@ def _interior_rows(world: World, calibration: Calibration, card: dict) -> list[t
     u = card["calibration"]["interior_u"]
     alike = calibration.interior.model == world.interior.model
     rows = []
-    for k, name in enumerate(calibration.interior.names):
+    for k, name in enumerate(calibration.interior.without_modes.names):
         form = "{:.4f}" if k < 4 else "{:.6g}"
         found = calibration.interior.parameters[k]
         true = world.interior.parameters[k] if alike else None

@@ -8,15 +8,14 @@ import cv2
 import numpy as np
 
 from testfield.camera.photograph import Photograph
-from testfield.detect.observations import MEASURED, Observations
+from testfield.detect.observations import MEASURED, TEXTURE, Observations
 from testfield.detect.photograph import Found
+from testfield.report.style import shown
 from testfield.store.atomic import whole
 from testfield.store.text import write_text
 
 FINE, REFUSED = (80, 220, 80), (60, 60, 255)
 """Blue, green, red."""
-UNSPOKEN = ("no ellipse fits", "too small", "too little contrast", "part of a ring", "not an ellipse")
-"""Reasons that are not written into the picture: such blobs are texture more often than targets."""
 COLUMNS = (
     "image", "x_px", "y_px", "cov_xx_px2", "cov_xy_px2", "cov_yy_px2", "diameter_px", "code", "point", "column", "row",
     "chi2", "status",
@@ -46,8 +45,9 @@ def _summary(photograph: Photograph, found: Found) -> dict:
         "read": photograph.notes,
         "notes": found.notes,
         "measured": int((o.status == MEASURED).sum()),
-        "codes": sorted({int(c) for c in o.code[o.code > 0]}),
+        "codes": found.numbers.tolist(),
         "grid": (found.place.max(axis=0) + 1).tolist() if (found.place >= 0).any() else None,
+        "passed_over": found.passed_over,
         "statuses": dict(zip(statuses.tolist(), counts.tolist(), strict=True)),
     }
 
@@ -70,8 +70,7 @@ def _rows(name: str, found: Found) -> list[list]:
 def draw_found(photograph: Photograph, found: Found, path: Path) -> None:
     """The photograph, its darks lifted, with the measured targets' ellipses, numbers, and why others were refused."""
     o = found.observations
-    top = max(float(np.percentile(photograph.pixels, 99.8)), 1e-6)
-    grey = (255 * np.sqrt(np.clip(photograph.pixels / top, 0, 1))).astype(np.uint8)
+    grey = (255 * shown(photograph.pixels)).astype(np.uint8)
     scale = 2 if max(grey.shape) < 2500 else 1
     picture = cv2.cvtColor(
         cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_NEAREST), cv2.COLOR_GRAY2BGR
@@ -83,7 +82,7 @@ def draw_found(photograph: Photograph, found: Found, path: Path) -> None:
             continue
         colour = FINE if o.status[k] == MEASURED else REFUSED
         at = tuple(int(v) for v in np.rint((xy + 0.5) * scale - 0.5))
-        if np.isfinite(o.moments_px2[k]).all() and o.status[k] not in UNSPOKEN:
+        if np.isfinite(o.moments_px2[k]).all() and o.status[k] not in TEXTURE:
             values, vectors = np.linalg.eigh(np.maximum(o.moments_px2[k], -1e9))
             axes = tuple(max(1, round(2 * float(np.sqrt(max(v, 0))) * scale)) for v in values[::-1])
             turn = float(np.degrees(np.arctan2(vectors[1, 1], vectors[0, 1])))
@@ -104,7 +103,7 @@ def _names(found: Found) -> list[str]:
     o = found.observations
     names = []
     for k in range(len(o)):
-        if o.status[k] not in (MEASURED, *UNSPOKEN):
+        if o.status[k] not in (MEASURED, *TEXTURE):
             names.append(o.status[k] if o.code[k] <= 0 else f"{o.code[k]} {o.status[k]}")
         elif o.status[k] != MEASURED:
             names.append("")

@@ -2,11 +2,9 @@
 
 from pathlib import Path
 
-import numpy as np
-
 from testfield.camera.images import Radiance
 from testfield.report.plan import ELEVATION, PLAN, draw_field, zoom
-from testfield.report.style import figure
+from testfield.report.style import figure, shown
 from testfield.scene.world import World
 
 
@@ -20,9 +18,7 @@ def draw_preview(world: World, view: Radiance, station: str, path: Path) -> None
             zoom(axes, world, plane)
             axes.set_title(f"{world.name}: {name}", loc="left")
         picture = parts["view"]
-        picture.imshow(
-            (view.values / np.percentile(view.values, 99.7)).clip(0, 1) ** (1 / 2.2), cmap="gray", vmin=0, vmax=1
-        )
+        picture.imshow(shown(view.values), cmap="gray", vmin=0, vmax=1)
         picture.set_title(f"view from {station}", loc="left")
         picture.set_axis_off()
         drawing.savefig(path, dpi=100, metadata={"Software": None})

@@ -46,7 +46,7 @@ from testfield.scene.world import (
     TrueMarks,
     World,
 )
-from testfield.seeds import generator
+from testfield.seeds import Plane, generator, normals
 from testfield.targets.field import CertifiedPose, Field, NominalBoard, ScaleBar
 from testfield.targets.marks import RADII, Marks, RingRadii
 
@@ -137,7 +137,7 @@ def build_world(scene: SceneFile, workshop: int | None = None) -> World:
     `workshop` where it is given: the same scene from another workshop.
     """
     seed, made = scene.seed, scene.seed if workshop is None else workshop
-    scale_error = 1e-6 * scene.u_print_scale_ppm * generator(made, "print_scale").standard_normal()
+    scale_error = 1e-6 * scene.u_print_scale_ppm * normals(made, "print_scale", 1)[0, 0]
     parts, radii = _Assembly(scene), RADII[scene.code_radii]
 
     boards, board_R, board_t, keep_clear = [], [], [], []
@@ -165,8 +165,7 @@ def build_world(scene: SceneFile, workshop: int | None = None) -> World:
         )  # fmt: skip
         if nominal.pattern is not None and corners:
             parts.prints.append(Print(panel, nominal.pattern.cells.scaled(size)))
-        drawn = generator(made, f"print/{board.name}").normal(0, 1, nominal.marks.xy_mm.shape) * nominal.u_xy_mm
-        true_xy = nominal.marks.xy_mm * size + drawn
+        true_xy = nominal.marks.xy_mm * size + nominal.u_xy_mm * _misprints(board, len(nominal.marks), made)
         for i, xy in enumerate(true_xy):
             parts.mark(panel, xy, nominal.marks.diameter_mm[i], int(nominal.marks.code[i]), BOARD, k, i, corners)
         for number, check in enumerate(scene.check_targets):
@@ -208,7 +207,7 @@ def build_world(scene: SceneFile, workshop: int | None = None) -> World:
             (bar.length_mm + 2 * half, 2 * half),
             BAR_THICKNESS_MM,
         )
-        true_length = bar.length_mm + bar.u_length_mm * generator(made, f"bar/{bar.name}").standard_normal()
+        true_length = bar.length_mm + bar.u_length_mm * normals(made, f"bar/{bar.name}", 1)[0, 0]
         for code, side in zip(bar.codes, (-0.5, 0.5), strict=True):
             parts.mark(panel, np.array([side * true_length, 0]), bar.diameter_mm, code, BAR)
             loose[code] = bar.diameter_mm
@@ -285,6 +284,19 @@ def build_world(scene: SceneFile, workshop: int | None = None) -> World:
     )  # fmt: skip
 
 
+def _misprints(board: BoardPart, marks: int, made: int) -> np.ndarray:
+    """(marks, 2) standard normal deviates of a board's marks, of each zone by row and column: a zone that has one more
+    of either, or a target more, leaves the others where they were."""
+    if board.pattern is not None:
+        return normals(made, f"print/{board.name}/pattern", marks, 2)
+    zones: dict[str, RecognitionZone | ExtensionZone]
+    zones = {"coded": board.recognition_zone, "dots": board.extension_zone}
+    return np.concatenate([
+        Plane(made, f"print/{board.name}/{name}").normals(range(zone.rows), 2 * zone.columns).reshape(-1, 2)
+        for name, zone in zones.items()
+    ])  # fmt: skip
+
+
 def _with_certified_poses(scene: SceneFile, made: int, boards: list[NominalBoard], true: Poses) -> list[NominalBoard]:
     """The sheets of the boards with what a certificate says of their poses in the frame of the first."""
     part = scene.certified_poses
@@ -294,7 +306,7 @@ def _with_certified_poses(scene: SceneFile, made: int, boards: list[NominalBoard
     relative = first.inverse().after(true)
     certified = [boards[0]]
     for k, board in enumerate(boards[1:], 1):
-        drawn = generator(made, f"certified_pose/{board.name}").standard_normal(6)
+        drawn = normals(made, f"certified_pose/{board.name}", 6)[:, 0]
         R = rotation(u_turn * drawn[:3]) @ relative.R[k]
         x, y, z = rotation_vector(R[None])[0].tolist()
         t = (relative.t_mm[k] + part.u_position_mm * drawn[3:]).tolist()
@@ -378,7 +390,8 @@ def _residual_field(scene: SceneFile) -> np.ndarray | None:
     if part is None or part.rms_px == 0:
         return None
     order = np.add.outer(np.arange(part.degree), np.arange(part.degree))
-    drawn = generator(scene.seed, f"residual_field/{part.seed}").standard_normal((2, part.degree, part.degree))
+    planes = (Plane(scene.seed, f"residual_field/{part.seed}/{axis}") for axis in "xy")
+    drawn = np.array([plane.normals(range(part.degree), part.degree) for plane in planes])
     field = np.where(order < 2, 0.0, drawn / np.maximum(order, 1) ** 1.5)
     at = np.linspace(-1, 1, 41)
     values = [np.polynomial.chebyshev.chebgrid2d(at, at, c) for c in field]

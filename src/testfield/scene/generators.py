@@ -17,7 +17,7 @@ from testfield.scene.schema import (
     StationRandom,
     StationSingle,
 )
-from testfield.seeds import generator
+from testfield.seeds import Plane, generator, normals
 from testfield.targets.field import MeasuringLine
 
 LARGEST_BOX_MM = 1e6
@@ -30,7 +30,9 @@ def stations(parts: tuple[StationPart, ...], seed: int) -> tuple[list[str], np.n
     names: list[str] = []
     rotations, translations = [], []
     for number, part in enumerate(parts):
-        for k, position in enumerate(_station_positions(part, number, seed)):
+        # Counted among its like, so that other stations listed before it leave it where it was.
+        nth = sum(isinstance(p, StationRandom) and p.seed == getattr(part, "seed", 0) for p in parts[:number])
+        for k, position in enumerate(_station_positions(part, nth, seed)):
             name = part.name if isinstance(part, StationSingle) and part.name else f"station{len(names) + 1:02d}"
             if name in names:
                 raise TestfieldError(f"two stations are called '{name}'", f"stations[{number}].name", "rename one")
@@ -46,7 +48,8 @@ def stations(parts: tuple[StationPart, ...], seed: int) -> tuple[list[str], np.n
     return names, np.array(rotations), np.array(translations)
 
 
-def _station_positions(part: StationPart, number: int, seed: int) -> np.ndarray:
+def _station_positions(part: StationPart, nth: int, seed: int) -> np.ndarray:
+    """(n, 3) positions; `nth` counts the random arrangements of one seed."""
     if isinstance(part, StationSingle):
         return np.array([part.position_mm])
     if isinstance(part, StationArc):
@@ -59,8 +62,9 @@ def _station_positions(part: StationPart, number: int, seed: int) -> np.ndarray:
     if isinstance(part, StationGrid):
         return lattice(part.counts, part.low_mm, part.high_mm)
     if isinstance(part, StationRandom):
-        rng = generator(seed, f"stations/{number}/{part.seed}")
-        return rng.uniform(part.low_mm, part.high_mm, (part.count, 3))
+        low, high = np.array(part.low_mm), np.array(part.high_mm)
+        drawn = Plane(seed, f"stations/{nth}/{part.seed}").uniforms(range(1), 3 * part.count).reshape(-1, 3)
+        return low + (high - low) * drawn
     axis = unit(np.array(part.axis))
     helper = np.array([0, 0, 1.0]) if abs(axis[2]) < 0.9 else np.array([1.0, 0, 0])
     first = unit(np.cross(helper, axis))
@@ -110,7 +114,7 @@ def line_cards(
     cards: list[tuple[int, np.ndarray, np.ndarray, float]] = []
     sheets = []
     for part in parts:
-        off = part.u_length_mm * generator(seed, f"measuring_line/{part.name}").standard_normal(len(part.lengths_mm))
+        off = part.u_length_mm * normals(seed, f"measuring_line/{part.name}", len(part.lengths_mm))[:, 0]
         at = np.concatenate([[0.0], part.lengths_mm + off])
         codes = tuple(part.first_code + k for k in range(len(at)))
         along, normal = unit(np.array(part.direction)), unit(np.array(part.normal))
@@ -125,7 +129,6 @@ def line_cards(
 def _random_places(
     part: CheckRandom, number: int, seed: int, clear_of: list[tuple[np.ndarray, float]]
 ) -> tuple[np.ndarray, np.ndarray]:
-    rng = generator(seed, f"check_targets/{number}/{part.seed}")
     edges_mm = np.subtract(part.high_mm, part.low_mm)
     if edges_mm.max() > LARGEST_BOX_MM:
         raise TestfieldError(
@@ -143,6 +146,9 @@ def _random_places(
     centres, radii = np.array([c for c, _ in clear_of]).reshape(-1, 3), np.array([r for _, r in clear_of])
     in_vain = 0
     while len(places) < part.count and in_vain < MOST_IN_VAIN:
+        if in_vain == 0:
+            # Each target has a stream of its own: where another goes, or a board, moves only whom it would touch.
+            rng = generator(seed, f"check_targets/{part.first_code + len(places)}/{part.seed}")
         place = rng.uniform(part.low_mm, part.high_mm)
         in_vain += 1
         apart = not places or np.linalg.norm(place - np.array(places), axis=1).min() >= part.spacing_mm
@@ -157,7 +163,10 @@ def _random_places(
     mean = unit(np.array(part.normal))
     helper = np.array([0, 0, 1.0]) if abs(mean[2]) < 0.9 else np.array([1.0, 0, 0])
     first = unit(np.cross(helper, mean))
-    tilt = np.arccos(rng.uniform(np.cos(np.radians(part.spread_deg)), 1, part.count))[:, None]
-    turn = rng.uniform(0, 2 * np.pi, part.count)[:, None]
+    names = [f"check_targets/{part.first_code + k}/{part.seed}/attitude" for k in range(part.count)]
+    lots = np.array([Plane(seed, name).uniforms(range(1), 2)[0] for name in names])
+    flattest = np.cos(np.radians(part.spread_deg))
+    tilt = np.arccos(flattest + (1 - flattest) * lots[:, :1])
+    turn = 2 * np.pi * lots[:, 1:]
     aside = np.cos(turn) * first + np.sin(turn) * np.cross(mean, first)
     return np.array(places), np.cos(tilt) * mean + np.sin(tilt) * aside

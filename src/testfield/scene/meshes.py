@@ -5,12 +5,14 @@ from pathlib import Path
 import numpy as np
 
 from testfield.errors import TestfieldError
+from testfield.scene.bodies import facing_outwards, solid_angles
 from testfield.scene.mesh_files import check_mesh_file
 from testfield.scene.named_files import named_file
 from testfield.scene.schema import MeshPart, SceneFile
 from testfield.scene.world import TrueMesh
 
 MM = {"um": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4, "ft": 304.8}
+GLTF = (".glb", ".gltf")
 COPIES = "meshes_as_run"
 """Folder in a run's folder with copies of the mesh files, named after the meshes."""
 OUT_OF_SCALE = 1000.0
@@ -26,6 +28,12 @@ def load_meshes(scene: SceneFile) -> tuple[TrueMesh, ...]:
     return tuple(_load(part, scene.folder, f"meshes[{k}]", volume) for k, part in enumerate(scene.meshes))
 
 
+def unit_of(part: MeshPart) -> str:
+    """The unit of a mesh's coordinates: what the scene says; else metres for glTF, which defines it (2.0, section 3.4),
+    and mm for formats without a unit."""
+    return part.unit or ("m" if Path(part.file).suffix.lower() in GLTF else "mm")
+
+
 def mesh_path(part: MeshPart, folder: Path) -> Path:
     """Where a mesh's file is: as the scene names it or, in a run's folder, the copy made when it was run."""
     return named_file(part.file, copy_name(part), folder)
@@ -39,18 +47,16 @@ def copy_name(part: MeshPart) -> str:
 def _load(part: MeshPart, folder: Path, where: str, volume_mm: float) -> TrueMesh:
     path = mesh_path(part, folder)
     vertices, faces = _read(path, f"{where}.file")
-    vertices = vertices * MM[part.unit]
+    unit = unit_of(part)
+    vertices = vertices * MM[unit]
     size = float(np.linalg.norm(vertices.max(axis=0) - vertices.min(axis=0)))
     if not volume_mm / OUT_OF_SCALE <= size <= volume_mm * OUT_OF_SCALE:
         raise TestfieldError(
-            f"in '{part.unit}' the mesh {path} has a bounding box of {size:.4g} mm, and the measuring volume's "
+            f"in '{unit}' the mesh {path} has a bounding box of {size:.4g} mm, and the measuring volume's "
             f"diagonal is {volume_mm:.4g} mm",
             f"{where}.unit", "give the unit of the file's coordinates",
         )  # fmt: skip
-    closed = _closed(faces)
-    a, b, c = np.moveaxis(vertices[faces], 1, 0)
-    if closed and np.einsum("ni,ni->", a, np.cross(b, c)) < 0:  # six times the volume: inside out
-        faces = faces[:, ::-1]
+    faces, closed = facing_outwards(vertices, faces)
     placed = vertices @ turned(part.rotation_deg).T + np.array(part.position_mm)
     return TrueMesh(part.name, placed, faces, part.albedo, closed)
 
@@ -97,26 +103,8 @@ def _read(path: Path, where: str) -> tuple[np.ndarray, np.ndarray]:
     return vertices, faces[np.lexsort(faces.T[::-1])]
 
 
-def _closed(faces: np.ndarray) -> bool:
-    """Whether every edge is walked once each way by the faces beside it."""
-    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    forth = edges[np.lexsort(edges.T)]
-    back = edges[:, ::-1][np.lexsort(edges[:, ::-1].T)]
-    return bool((forth == back).all() and (np.unique(edges, axis=0).shape == edges.shape))
-
-
 def inside(mesh: TrueMesh, points_mm: np.ndarray) -> np.ndarray:
-    """(n,) whether points (n, 3) lie within a closed mesh, by the solid angle it fills; never within an open one.
-
-    The angle of each face is that of Van Oosterom and Strackee (1983).
-    """
+    """(n,) whether points (n, 3) lie within a closed mesh, by the solid angle it fills; never within an open one."""
     if not mesh.closed:
         return np.zeros(len(points_mm), bool)
-    within = np.zeros(len(points_mm), bool)
-    for k, point in enumerate(points_mm):
-        a, b, c = np.moveaxis(mesh.corners_mm - point, 1, 0)
-        la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
-        volume = np.einsum("ni,ni->n", a, np.cross(b, c))
-        products = [np.einsum("ni,ni->n", v, w) * length for v, w, length in ((a, b, lc), (b, c, la), (c, a, lb))]
-        within[k] = abs(np.arctan2(volume, la * lb * lc + sum(products)).sum()) > np.pi
-    return within
+    return np.array([abs(solid_angles(mesh.corners_mm, point)) > np.pi for point in points_mm], bool)

@@ -756,7 +756,9 @@ class MeshPart(_Part):
     file: str = Field(
         min_length=1, max_length=1000, description="STL, OBJ, PLY or GLB file, relative to the scene file."
     )
-    unit: Literal["um", "mm", "cm", "m", "in", "ft"] = Field("mm", description="Unit of the file's coordinates.")
+    unit: Literal["um", "mm", "cm", "m", "in", "ft"] | None = Field(
+        None, description="Unit of the file's coordinates; if not given, m for GLB, as glTF defines, and mm for others."
+    )
     position_mm: Vector3 = Field((0, 0, 0), description="Where the origin of the file's coordinates is.")
     rotation_deg: Vector3 = Field(
         (0, 0, 0), description="Turns about the world's x axis, then its y axis, then its z axis, before it is placed."

@@ -93,34 +93,52 @@ def _drawn(
     part: CheckOnMesh, number: int, seed: int, mesh: TrueMesh, side_mm: float, taken: list[tuple[np.ndarray, float]]
 ) -> list[Place]:
     """Random places, uniform over the part of the surface that faces the right way and is flat enough."""
-    rng = generator(seed, f"check_targets/{number}/{part.seed}")
     a, b, c = np.moveaxis(mesh.corners_mm, 1, 0)
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     if part.facing is not None:
         area = area * (mesh.normals @ unit(np.array(part.facing)) >= np.cos(np.radians(part.within_deg)))
     count = part.count or 0
     places: list[Place] = []
-    draws = TRIES * count if area.any() else 0
-    faces = rng.choice(len(area), draws, p=area / area.sum() if area.any() else None)
-    u, v = rng.uniform(size=(2, draws))
-    u, v = np.where(u + v > 1, (1 - u, 1 - v), (u, v))
-    drawn, normals = a[faces] + u[:, None] * (b - a)[faces] + v[:, None] * (c - a)[faces], mesh.normals[faces]
-    if draws:
-        flat = _under_all_corners(mesh, drawn, normals, side_mm)
-        drawn, normals = drawn[flat], normals[flat]
-    for place, normal in zip(drawn, normals, strict=True):
-        # Squares at any turn do not overlap where their diagonals have room.
-        free = all(np.linalg.norm(place - other) >= (side_mm + side) / np.sqrt(2) for other, side in taken)
-        far = max(part.spacing_mm, np.sqrt(2) * side_mm)
-        if free and all(np.linalg.norm(place - other) >= far for other, _ in places):
-            places.append((place, normal))
-            if len(places) == count:
-                return places
+    far = max(part.spacing_mm, np.sqrt(2) * side_mm)
+    for k in range(count if area.any() else 0):
+        # Each target tries places of its own stream: where another goes moves only whom it would touch.
+        rng = generator(seed, f"check_targets/{part.first_code + k}/{part.seed}")
+        for _ in range(count):
+            faces = rng.choice(len(area), TRIES, p=area / area.sum())
+            u, v = rng.uniform(size=(2, TRIES))
+            u, v = np.where(u + v > 1, (1 - u, 1 - v), (u, v))
+            drawn = a[faces] + u[:, None] * (b - a)[faces] + v[:, None] * (c - a)[faces]
+            flat = _under_all_corners(mesh, drawn, mesh.normals[faces], side_mm)
+            found = _first_free(drawn[flat], mesh.normals[faces][flat], side_mm, far, taken, places)
+            if found is not None:
+                places.append(found)
+                break
+        else:
+            break
+    if count and len(places) == count:
+        return places
     raise TestfieldError(
         f"only {len(places)} of {count} targets find a place on '{part.mesh}', flat and wide enough for stickers of "
         f"{side_mm:.0f} mm", f"check_targets[{number}].count",
         f"lower it, spacing_mm (stickers need {np.sqrt(2) * side_mm:.0f}) or diameter_mm, or widen within_deg",
     )  # fmt: skip
+
+
+def _first_free(
+    drawn: np.ndarray,
+    normals: np.ndarray,
+    side_mm: float,
+    far_mm: float,
+    taken: list[tuple[np.ndarray, float]],
+    places: list[Place],
+) -> Place | None:
+    """The first of the drawn places that is clear of stickers `taken` and `far_mm` from the other `places`."""
+    for place, normal in zip(drawn, normals, strict=True):
+        # Squares at any turn do not overlap where their diagonals have room.
+        free = all(np.linalg.norm(place - other) >= (side_mm + side) / np.sqrt(2) for other, side in taken)
+        if free and all(np.linalg.norm(place - other) >= far_mm for other, _ in places):
+            return place, normal
+    return None
 
 
 def _under_all_corners(mesh: TrueMesh, places: np.ndarray, normals: np.ndarray, side_mm: float) -> np.ndarray:

@@ -8,6 +8,7 @@ from typing import Any
 from pydantic import model_validator
 
 from testfield.calibrate.calibration import Calibration
+from testfield.calibrate.rejections import failed_checks
 from testfield.detect.observations import Observations
 from testfield.errors import speaking
 from testfield.reconstruct.points import Points
@@ -41,13 +42,17 @@ def scorecard(world: World, views: Views, observations: Path, calibration: Path,
         Calibration.load(calibration),
         Points.load(points),
     )
+    lengths = score_lengths(world, camera, targets)
+    checks = [(bar["name"], bar.get("en")) for bar in lengths["bars"] if bar["role"] == "check"]
+    failures = [*camera.failures, *failed_checks(checks)]
     return {
         "scene": world.name,
+        "verdict": {"passed": not failures, "failures": failures},
         "detection": score_detection(world, views, found).card(),
         "calibration": {"method": camera.method} | score_camera(world, camera),
         "boards": score_boards(world, camera),
         "points": {"method": targets.method} | score_points(world, camera, targets).card(),
-        "lengths": score_lengths(world, camera, targets),
+        "lengths": lengths,
     }
 
 
@@ -181,7 +186,10 @@ def ten_figures(card: dict[str, Any]) -> list[tuple[str, str]]:
         value = figure(card, key)
         if value is None and key == "points.anees":  # a free network: only fitted points can be compared
             title, value = f"{title}, after the fit", figure(card, "points.anees_fitted")
-        rows.append((title, "not measured" if value is None else form.format(value)))
+        said = "not measured" if value is None else form.format(value)
+        if key == "lengths.check_error_mm" and any(abs(bar.get("en") or 0) > 1 for bar in card["lengths"]["bars"]):
+            said += ", FAILED"
+        rows.append((title, said))
     return rows
 
 

@@ -6,10 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from testfield.camera.images import Frame, Radiance, SensorSheet
-from testfield.seeds import generator
+from testfield.seeds import Plane
 from testfield.sensor.patterns import BayerOrder, filter_pattern, gain_pattern, offset_pattern_e
+from testfield.sensor.poisson import poisson_quantile
 
 PLANCK_J_S, LIGHT_M_S = 6.62607015e-34, 299792458.0
+BLOCK_PX = 32_000
+"""Pixels exposed at once: few enough for the processor's cache."""
 
 
 @dataclass(frozen=True)
@@ -66,21 +69,50 @@ class Sensor:
 def expose(radiance: Radiance, sensor: Sensor, seed: int, noise_seed: int | None = None) -> Frame:
     """One frame: colour filters, response, dark current, shot noise, full well, offsets, read noise, digits.
 
-    The noise is drawn from the generator named `expose/<station>`, so frames can be made in any order. The fixed
-    patterns are the sensor's: they depend on the seed alone and are the same at every station. What is switched off
-    draws nothing. `noise_seed` takes the seed's place for the noise: another exposure by the same sensor.
+    Every pixel has numbers of its own, by seed, station, row and column: one for electrons and one for the read-out,
+    used by inversion. So what changes in one pixel changes no other, and a little more light changes a few pixels by
+    one electron. The fixed patterns are the sensor's: they depend on the seed alone and are the same at every station.
+    `noise_seed` takes the seed's place for the noise: another exposure by the same sensor.
     """
-    rng = generator(seed if noise_seed is None else noise_seed, f"expose/{radiance.station}")
-    mean_e = np.maximum(radiance.values.astype(np.float64), 0) * sensor.electrons_per_radiance
-    if sensor.bayer:
-        mean_e *= filter_pattern(mean_e.shape, sensor.bayer, sensor.bayer_response)
-    if sensor.prnu:
-        mean_e *= gain_pattern(mean_e.shape, sensor.prnu, seed)
-    electrons = np.minimum(rng.poisson(mean_e + sensor.dark_e), sensor.full_well_e).astype(np.float64)
-    if sensor.dsnu_e:
-        # An offset of the read-out, like the read noise: it has no shot noise and takes no room in the well.
-        electrons += offset_pattern_e(electrons.shape, sensor.dsnu_e, seed)
-    electrons += sensor.read_noise_e * rng.standard_normal(electrons.shape)
-    digital = np.rint(electrons / sensor.gain_e_per_dn + sensor.black_level_dn)
-    pixels = np.clip(digital, 0, sensor.sheet.largest_dn).astype(np.uint16)
+    values = radiance.values
+    drawn = seed if noise_seed is None else noise_seed
+    of_electrons, of_readout = (Plane(drawn, f"expose/{radiance.station}/{name}") for name in ("electrons", "read-out"))
+    gain = _response(values.shape, sensor, seed)
+    offset_e = offset_pattern_e(values.shape, sensor.dsnu_e, seed) if sensor.dsnu_e else None
+    height, width = values.shape
+    pixels = np.empty(values.shape, np.uint16)
+    for rows in _blocks(height, width):
+        here = slice(rows.start, rows.stop)
+        mean_e = np.maximum(values[here].astype(np.float64), 0)
+        mean_e *= sensor.electrons_per_radiance
+        if gain is not None:
+            mean_e *= gain[here]
+        mean_e += sensor.dark_e
+        electrons = poisson_quantile(of_electrons.uniforms(rows, width), mean_e)
+        np.minimum(electrons, sensor.full_well_e, out=electrons)
+        if offset_e is not None:
+            # An offset of the read-out, like the read noise: it has no shot noise and takes no room in the well.
+            electrons += offset_e[here]
+        if sensor.read_noise_e:
+            electrons += sensor.read_noise_e * of_readout.normals(rows, width)
+        electrons /= sensor.gain_e_per_dn
+        electrons += sensor.black_level_dn
+        np.rint(electrons, out=electrons)
+        pixels[here] = np.clip(electrons, 0, sensor.sheet.largest_dn, out=electrons)
     return Frame(radiance.station, pixels, sensor.sheet)
+
+
+def _response(shape: tuple[int, ...], sensor: Sensor, seed: int) -> np.ndarray | None:
+    """(h, w) what filters and response nonuniformity leave of the light; None where that is all of it."""
+    height, width = shape
+    filters = filter_pattern((height, width), sensor.bayer, sensor.bayer_response) if sensor.bayer else None
+    response = gain_pattern((height, width), sensor.prnu, seed) if sensor.prnu else None
+    if filters is None or response is None:
+        return response if filters is None else filters
+    return filters * response
+
+
+def _blocks(height: int, width: int) -> list[range]:
+    """An image's rows in blocks."""
+    step = max(1, BLOCK_PX // width)
+    return [range(first, min(first + step, height)) for first in range(0, height, step)]

@@ -99,7 +99,8 @@ def case_key(case: Case) -> str:
     """
     modules = (case.work.partition(":")[0], *own_modules())
     code = code_digest(*modules, without=("testfield.report", "testfield.certify"))
-    outside = (os.environ.get("TESTFIELD_VARIANT", ""), package_version("pycolmap"))
+    device = os.environ.get("TESTFIELD_VARIANT", "") + os.environ.get("TESTFIELD_LLVM_TARGET", "")
+    outside = (device, package_version("pycolmap"))
     return digest(case.labels, case.work, case.scene, case.options, code, outside)
 
 

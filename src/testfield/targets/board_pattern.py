@@ -56,7 +56,8 @@ class BoardPattern:
 
     `kind` of `SQUARES` or `CIRCLES`; `columns`, `rows` of squares, tags or circles; `pitch_mm` from one to the next (of
     an asymmetric grid: half the distance within a row, and from row to row); `mark_mm` a tag's side or a circle's
-    diameter, 0 on a checkerboard; `names` the OpenCV dictionary of the tags; `first_tag` the number of the first.
+    diameter, 0 on a checkerboard; `names` the OpenCV dictionary of the tags; `first_tag` the number of the first;
+    `legacy`: a ChArUco board as OpenCV printed it before 4.6, black at the bottom left instead of the top left.
     """
 
     kind: str
@@ -66,6 +67,7 @@ class BoardPattern:
     mark_mm: float = 0.0
     names: str = ""
     first_tag: int = 0
+    legacy: bool = False
 
     @property
     def has_corners(self) -> bool:
@@ -121,7 +123,7 @@ class BoardPattern:
             black = np.zeros(middle.shape[:2], bool)
         else:
             column, row = np.moveaxis(np.floor((middle + half) / self.pitch_mm).astype(int), -1, 0)
-            black = (column + self.rows - 1 - row) % 2 == 0
+            black = (column + self.rows - 1 - row) % 2 == self._first_white
         for number, at in zip(self.tags, self.tag_middles_mm, strict=True):
             u, v = np.moveaxis((middle - at) / self.mark_mm + 0.5, -1, 0)
             inside = (u > 0) & (u < 1) & (v > 0) & (v < 1)
@@ -129,6 +131,11 @@ class BoardPattern:
             word = dictionary(self.names).generateImageMarker(int(number), n) == 0
             black[inside] = word[n - 1 - (v[inside] * n).astype(int), (u[inside] * n).astype(int)]
         return Cells(x, y, black)
+
+    @property
+    def _first_white(self) -> int:
+        """1 where the square at the top left is white, which holds a tag."""
+        return int(self.legacy and self.rows % 2 == 0)
 
     @property
     def _cells_a_tag(self) -> int:
@@ -142,7 +149,7 @@ class BoardPattern:
         if self.kind != "charuco":
             return np.zeros((0, 2))
         row, column = np.divmod(np.arange(self.columns * self.rows), self.columns)
-        return _grid(self.columns, self.rows, self.pitch_mm)[(row + column) % 2 == 1]
+        return _grid(self.columns, self.rows, self.pitch_mm)[(row + column) % 2 != self._first_white]
 
     def _lines(self, count: int, half_mm: float) -> np.ndarray:
         """All lines of one direction: those of squares, and those of the cells of the tags in them."""

@@ -22,6 +22,7 @@ from testfield.reconstruct.midpoint import unweighted
 from testfield.reconstruct.ml import REPROJECTION
 from testfield.reconstruct.parametric_wls import by_ray
 from testfield.reconstruct.sights import sights_of
+from testfield.seeds import Plane
 from testfield.targets.field import Field
 
 METHODS = {
@@ -78,20 +79,19 @@ class RayTrials:
         values, vectors = np.linalg.eigh(calibration.covariance)
         return RayTrials(solved, estimate, calibration, vectors * np.sqrt(np.maximum(values, 0)), afterwards)
 
-    def draw(self, trials: int, rng: np.random.Generator) -> np.ndarray:
-        """(T, n, 3) positions."""
+    def draw(self, trials: range, seed: int) -> np.ndarray:
+        """(T, n, 3) positions of the trials with these numbers, the same in whatever blocks they are asked for."""
         n, k = self.solved.sights.there.shape
         most = max(1, MOST_AT_ONCE // max(n * k, 1))
-        parts = [self._draw(min(most, trials - first), rng) for first in range(0, trials, most)]
+        parts = [self._draw(trials[first : first + most], seed) for first in range(0, len(trials), most)]
         return np.concatenate(parts)
 
-    def _draw(self, T: int, rng: np.random.Generator) -> np.ndarray:
+    def _draw(self, trials: range, seed: int) -> np.ndarray:
         solved, sights = self.solved, self.solved.sights
-        n, k = sights.there.shape
-        noise = np.einsum(
-            "nkij,tnkj->tnki", np.linalg.cholesky(sights.cov_px2), rng.standard_normal((T, n, k, 2)), optimize=True
-        )
-        off = rng.standard_normal((T, len(self.root))) @ self.root.T
+        T, (n, k) = len(trials), sights.there.shape
+        z = Plane(seed, "pixels").normals(trials, 2 * n * k).reshape(T, n, k, 2)
+        noise = np.einsum("nkij,tnkj->tnki", np.linalg.cholesky(sights.cov_px2), z, optimize=True)
+        off = Plane(seed, "calibration").normals(trials, len(self.root)) @ self.root.T
         interior, R, t = self._cameras(off)
         # Measured where the points were predicted, off by the residual that the estimate leaves.
         start = solved.xyz_mm
@@ -141,9 +141,14 @@ class RayTrials:
             point, slot = np.nonzero(station == s)
             camera[:, point, slot] = xyz[:, point] @ np.swapaxes(R[:, s], 1, 2) + t[:, s, None]
         plane = camera[..., :2] / camera[..., 2:]
-        c = interior[:, 4:].T[:, :, None, None]
-        bent = lens.distort(self.calibration.interior.lens, plane, c)
-        return bent * interior[:, None, None, :2] + interior[:, None, None, 2:4]
+        camera_at = self.calibration.interior
+        own = 4 + len(camera_at.coefficients)
+        bent = lens.distort(camera_at.lens, plane, interior[:, 4:own].T[:, :, None, None])
+        uv = bent * interior[:, None, None, :2] + interior[:, None, None, 2:4]
+        if camera_at.modes:
+            for at, amounts in zip(uv, interior[:, own:], strict=True):
+                at += (camera_at.by_modes(at.reshape(-1, 2)) @ amounts).reshape(at.shape)
+        return uv
 
 
 def _change_of_cameras(solved: Solved, estimate: Estimate, calibration: Calibration) -> np.ndarray:

@@ -19,7 +19,7 @@ from testfield.reconstruct.points import Points
 from testfield.registry import find
 from testfield.scene.world import CHECK, World
 from testfield.score.camera import true_in_datum
-from testfield.seeds import generator, seed_of
+from testfield.seeds import normals, seed_of
 from testfield.study.cases import Case, changed, scene_table
 from testfield.targets.field import Field
 from testfield.uncertainty.certificates import draw_certificates
@@ -68,22 +68,23 @@ def measure(case: Case, run: Run | None) -> list[dict[str, Any]]:
     first, rows = int(case.labels["first"]), []
     for number in range(first, first + case.options["trials"]):
         name = f"fitting_point/{case.labels['bar']}/{number}"
-        rng = generator(run.scene.seed, name)
+        workshop = seed_of(run.scene.seed, name)
+        lengths_off = normals(workshop, "lengths", len(ALL))[:, 0]
         seen = reexposed(run, seed_of(run.scene.seed, f"{name}/noise"))
-        observations, field = draw_certificates(seen, start, told, rng)
+        observations, field = draw_certificates(seen, start, told, workshop)
         calibration = find("calibrators", how.calibrator)(
             observations, field, camera.width_px, camera.height_px, how.lens or camera.lens, how.hold
         )
         points = find("reconstructors", how.reconstructor)(observations, calibration, field)
-        found = fits(points, run.world, calibration.board_names, rng, case.options["scale_error"])
+        found = fits(points, run.world, calibration.board_names, lengths_off, case.options["scale_error"])
         rows += [{"trial": number} | row for row in found]
     return rows
 
 
 def fits(
-    points: Points, world: World, boards: tuple[str, ...], rng: np.random.Generator, scale_error: float = 0.0
+    points: Points, world: World, boards: tuple[str, ...], lengths_off: np.ndarray, scale_error: float = 0.0
 ) -> list[dict[str, Any]]:
-    """A row for every layout and way to fit, with known lengths drawn from their uncertainty.
+    """A row for every layout and way to fit; known lengths err by `lengths_off` (len(ALL),) standard uncertainties.
 
     `equal` and `covariance` weights with the bundle's whole covariance, and `alone`: the latter without the
     correlations between points. `boards` are those of the calibration, the first of which is the datum. A layout of
@@ -91,7 +92,7 @@ def fits(
     """
     true, rows = true_positions(world, boards), []
     known = {int(code) for code in points.code}
-    draws = {code: U_LENGTH_MM * z for code, z in zip(ALL, rng.standard_normal(len(ALL)), strict=True)}
+    draws = {code: U_LENGTH_MM * z for code, z in zip(ALL, lengths_off, strict=True)}
     for layout, codes in LAYOUTS.items():
         if not {VERTEX, *codes} <= known:
             continue

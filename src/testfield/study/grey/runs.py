@@ -15,7 +15,7 @@ from testfield.scene.world import World
 from testfield.score.camera import true_in_datum
 from testfield.score.detection import score_detection
 from testfield.score.points import score_points
-from testfield.seeds import generator, seed_of
+from testfield.seeds import seed_of
 from testfield.study.cases import Case
 from testfield.targets.field import Field
 from testfield.uncertainty.certificates import draw_certificates
@@ -75,13 +75,12 @@ def _run_row(run: Run, entry: dict[str, Any], sheet: Field, exact: Calibration) 
     row |= {f"unit {k}": float(value) for k, value in enumerate(entry["unit"])}
     run = _with(run, entry["read_noise_e"], run.scene.measure.centroid)
     scene, name = run.scene, f"grey run/{entry['run']}"
-    rng = generator(scene.seed, f"{name}/workshop")
     figures = {"rmse_mm": np.nan, "worst_mm": np.nan, "measured": 0, "centre_rms_px": np.nan, "bar_off_mm": np.nan}
     try:
         found = reexposed(run, seed_of(scene.seed, f"{name}/noise"))
         error_px = score_detection(run.world, run.views, found).error_px
         figures["centre_rms_px"] = float(np.sqrt((error_px**2).mean())) if len(error_px) else np.nan
-        found, sheet = draw_certificates(found, exact, sheet, rng)
+        found, sheet = draw_certificates(found, exact, sheet, seed_of(scene.seed, f"{name}/workshop"))
         figures["bar_off_mm"] = sheet.scale_bars[0].length_mm - run.field.scale_bars[0].length_mm
         calibration = find("calibrators", scene.measure.calibrator)(
             found, sheet, scene.camera.width_px, scene.camera.height_px, scene.camera.lens, scene.measure.hold

@@ -24,11 +24,12 @@ from testfield.scene.truth import see
 from testfield.scene.world import World
 from testfield.score.camera import score_boards, score_camera
 from testfield.score.points import score_points
-from testfield.seeds import generator
+from testfield.seeds import seed_of
 from testfield.study.cases import Case
 from testfield.study.stitching import scenes
 from testfield.study.stitching.chain_growth import chain_errors
 from testfield.study.stitching.mother_board import fitted_rms_mm, mother_marks, mother_scores
+from testfield.uncertainty.mark_numbers import normals_of_marks
 
 CELLS = (8, 6)
 """Parts of the image, across and down, in which coverage is counted."""
@@ -61,7 +62,7 @@ def _field_rows(scene: SceneFile, world: World, observations: Observations, opti
     rows = [_judged(scene, world, observations, method) for method in options["methods"]]
     for part in options.get("windows", ()):
         inside = confined(observations, scene, part)
-        for cut, kept in (("middle", inside), ("spread", _as_many(observations, inside, scene.seed))):
+        for cut, kept in (("middle", inside), ("spread", _as_many(observations, inside, world, scene.seed))):
             rows.append(_judged(scene, world, kept, "stitched") | {"cut": cut, "window": part})
     return rows
 
@@ -93,7 +94,7 @@ def _observed(run: Run) -> Observations:
 def _pixels(table: scenes.Table) -> tuple[SceneFile, World, Observations]:
     scene = parse_scene(tomli_w.dumps(table), table["name"], Path())
     world = build_world(scene)
-    return scene, world, draw_observations(scene, world, see(world), generator(scene.seed, "stitching/pixels"))
+    return scene, world, draw_observations(scene, world, see(world), seed_of(scene.seed, "stitching/pixels"))
 
 
 def confined(observations: Observations, scene: SceneFile, part: float) -> Observations:
@@ -103,12 +104,13 @@ def confined(observations: Observations, scene: SceneFile, part: float) -> Obser
     return observations.take(np.asarray(inside & (observations.board >= 0)))
 
 
-def _as_many(observations: Observations, other: Observations, seed: int) -> Observations:
-    """As many of the boards' marks as `other` has, drawn from all over the image."""
-    rng = generator(seed, f"stitching/as many/{len(other)}")
-    chosen = np.zeros(len(observations), bool)
-    chosen[rng.choice(np.flatnonzero(observations.board >= 0), len(other), replace=False)] = True
-    return observations.take(chosen)
+def _as_many(observations: Observations, other: Observations, world: World, seed: int) -> Observations:
+    """As many of the boards' marks as `other` has, drawn from all over the image: those of the lowest lots."""
+    o, names = observations, tuple(board.name for board in world.field.boards)
+    drawing = seed_of(seed, f"stitching/as many/{len(other)}")
+    lot = normals_of_marks(drawing, o.stations, names, o.station, o.board, o.point, o.code)[:, 0]
+    marks = np.flatnonzero(o.board >= 0)
+    return o.take(np.sort(marks[np.argsort(lot[marks], kind="stable")[: len(other)]]))
 
 
 def without_bars(observations: Observations, world: World) -> Observations:

@@ -53,18 +53,19 @@ def flat(count: int, seed: int = 0) -> list[Table]:
 def random(count: int, seed: int) -> list[Table]:
     """Sub-boards wherever they fall: places in the field's box, leaning within 45 degrees, any spin; none before
     another as seen from the front."""
-    rng = generator(seed, f"stitching/random/{count}")
+    own = [generator(seed, f"stitching/random/{count}/{k}") for k in range(count)]
     half = np.array([WIDTH_MM - SIZE_MM[0], HEIGHT_MM - SIZE_MM[1]]) / 2
     apart = 520.0
     places: list[np.ndarray] = []
     while len(places) < count:
-        place = rng.uniform(-half, half)
+        place = own[len(places)].uniform(-half, half)
         if not places or np.linalg.norm(place - np.array(places), axis=1).min() > apart:
             places.append(place)
         else:
             apart *= 0.999  # a denser packing is asked for the longer none is found
     found = []
     for k, (x, z) in enumerate(places):
+        rng = generator(seed, f"stitching/random/{count}/{k}/attitude")
         lean, turn = np.tan(np.radians(rng.uniform(0, 45))), rng.uniform(0, 2 * np.pi)
         y = MIDDLE_MM[1] + rng.uniform(-150, 150)
         normal = [float(lean * np.cos(turn)), -1.0, float(lean * np.sin(turn))]

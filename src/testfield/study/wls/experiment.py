@@ -34,7 +34,7 @@ from testfield.reconstruct.sights import Sights, rays_of, sights_of
 from testfield.scene.world import CHECK, World
 from testfield.score.align import aligned_covariance, rigid_fit
 from testfield.score.camera import true_in_datum
-from testfield.seeds import generator, seed_of
+from testfield.seeds import seed_of
 from testfield.study.cases import Case
 from testfield.study.wls.field import field_scene
 from testfield.targets.field import Field
@@ -94,8 +94,8 @@ def measure(case: Case, run: Run | None) -> list[dict[str, Any]]:
     observations = reexposed(replace(run, scene=exposed), seed_of(scene.seed, f"study/wls/{name}/noise"))
     exact = exact_calibration(run.world)
     sheet = _sheet(run.field, options)
-    rng = generator(scene.seed, f"study/wls/{name}/workshop")
-    observations, sheet = draw_certificates(observations, exact, sheet, rng)
+    workshop = seed_of(scene.seed, f"study/wls/{name}/workshop")
+    observations, sheet = draw_certificates(observations, exact, sheet, workshop)
     rows = []
     for n, which, part in camera_sets(len(run.stations), options["numbers"]):
         seen = observations_of(observations, run.stations[part])

@@ -1,0 +1,364 @@
+"""Which certificates of a free network hold: distances, places, diameters, each tested against what the images made of
+it and against each other, before it may pull at anything (Baarda's w-test; `adjust.snooping`).
+
+The images settle among themselves first, so a wrong certificate costs no observation. Its misclosure is certified minus
+predicted, with the covariance of both; unknown is only where the network lies and how large it is.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from testfield.adjust.bundle import Adjustment
+from testfield.adjust.datum import aligned
+from testfield.adjust.network import EXACT_MM, Distances, Network
+from testfield.adjust.reliability import global_test
+from testfield.adjust.snooping import Blunder, Snooped, snoop
+from testfield.calibrate.certified import OTHER_UNIT, Certified, radii
+from testfield.calibrate.loose_discs import measured_radii
+from testfield.calibrate.similarity import on_a_line, robust_similarity
+from testfield.calibrate.ties import Ties
+from testfield.calibrate.units import unit_of
+from testfield.camera.pose import cross_matrix
+from testfield.targets.field import ScaleBar
+
+FALSE_ALARM = 0.01
+"""Chance that any good certificate at all of a field is called wrong."""
+U_DIAMETER = 0.07
+"""Relative standard uncertainty of a scale by dots' diameters: what blur, paint and oblique views do to them."""
+BENT = 0.01
+"""Part of their extent by which most certified places may miss the network before all of them are in doubt."""
+DISTANCE, PLACE, DIAMETERS, PLACES = "distance", "place", "diameters", "places"
+
+
+@dataclass(frozen=True)
+class Tested:
+    """Certificates after their test: `bars` (with uncertainties that cover a contradiction nothing decides) and `known`
+    places that hold; `scale` that brings the network to them, where no places do; `scale_from` as in `InDatum`;
+    `records`, one a certificate; `notes`; `failures`, sentences on what nothing decides."""
+
+    bars: tuple[ScaleBar, ...]
+    known: dict[int, tuple[np.ndarray, np.ndarray]]
+    scale: float
+    scale_from: str
+    records: tuple[dict, ...] = ()
+    notes: tuple[str, ...] = ()
+    failures: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class _Item:
+    """A certificate as a possible blunder: its kind, its rows of the misclosure, its columns there (q, d), how it is
+    called."""
+
+    kind: str
+    key: int
+    columns: np.ndarray
+    name: str
+
+
+@dataclass(frozen=True)
+class _Misclosure:
+    """Certified minus predicted `value` (q,) in mm with `cov` (q, q), the unknowns' `design` (q, p), of which the last
+    is the network's relative scale; the certificates as possible blunders; the points at `here_mm` (k, 3); the dots'
+    certified `diameter_mm`, their median."""
+
+    value: np.ndarray
+    cov: np.ndarray
+    design: np.ndarray
+    items: list[_Item]
+    here_mm: dict[int, np.ndarray]
+    diameter_mm: float
+
+
+def without_certificates(network: Network, ties: Ties, certified: Certified) -> Network:
+    """The network as the images alone have it, at its present scale.
+
+    One distance holds that scale, as long as the network has it now: alone, it contradicts nothing.
+    """
+    place = {int(code): k for k, code in enumerate(ties.code)}
+    bars = [bar for bar in certified.bars if set(bar.codes) <= set(place)]
+    known = [c for c in certified.known if c in place]
+    free = replace(network, distances=Distances(), information=np.zeros_like(network.information))
+    if bars:
+        ends, u = [place[c] for c in bars[0].codes], bars[0].u_length_mm
+    elif len(known) >= 3:
+        at = network.point_mm[[place[c] for c in known]]
+        far = [int(np.argmax(np.linalg.norm(at - at[0], axis=1)))]
+        far.append(int(np.argmax(np.linalg.norm(at - at[far[0]], axis=1))))
+        ends, u = [place[known[k]] for k in far], float(certified.known[known[far[0]]][1].max())
+    else:
+        return free
+    length = float(np.linalg.norm(network.point_mm[ends[0]] - network.point_mm[ends[1]]))
+    return replace(free, distances=Distances(np.array([ends]), np.array([length]), np.array([u])))
+
+
+def tested(adjustment: Adjustment, ties: Ties, certified: Certified, scale_from: str) -> Tested:
+    """Test what is `certified` against an adjustment without it, whose points are near their scale and datum."""
+    have = set(ties.code.tolist())
+    bars = [bar for bar in certified.bars if set(bar.codes) <= have]
+    lost = [bar for bar in certified.bars if not set(bar.codes) <= have]
+    notes = [f"the distance '{bar.name}' lost an end to rejected observations and is left out" for bar in lost]
+    known = {c: v for c, v in certified.known.items() if c in have}
+    if known and (len(known) < 3 or on_a_line(np.array([v[0] for v in known.values()]))):
+        notes.append("too few certified places are left: the network is free")
+        known = {}
+    if not bars and not known:
+        left = scale_from if scale_from == "diameters" else "nothing"
+        return Tested((), {}, 1.0, left, notes=tuple(notes))
+    if known and (said := _in_doubt(adjustment.network, ties, known)):
+        known, failed = {}, (said,)
+        rest = tested(adjustment, ties, Certified(tuple(bars), {}, certified.diameter_mm), "nothing")
+        return replace(rest, notes=(*notes, said, *rest.notes), failures=(*failed, *rest.failures))
+    off = _misclosure(adjustment, ties, bars, known, certified)
+    snooped = snoop(
+        off.value, off.cov, off.design, [item.columns for item in off.items], [item.kind for item in off.items],
+        [_rank(item) for item in off.items], FALSE_ALARM,
+    )  # fmt: skip
+    return _judged(off, snooped, bars, known, notes)
+
+
+def attached(network: Network, ties: Ties, radius_mm: np.ndarray, held: Tested, certified: Certified) -> tuple[
+    Network, np.ndarray
+]:  # fmt: skip
+    """The network with the certificates that hold, near its scale and datum, and its discs' radii (n,)."""
+    place = {int(code): k for k, code in enumerate(ties.code)}
+    if held.known:
+        points = np.array([place[c] for c in held.known])
+        network = aligned(network, np.array([v[0] for v in held.known.values()]), points, True)
+        information, values = network.information.copy(), network.known_mm.copy()
+        for p, (xyz, u) in zip(points, held.known.values(), strict=True):
+            information[p], values[p] = np.diag(1 / np.maximum(u, EXACT_MM) ** 2), xyz
+        network = replace(network, information=information, known_mm=values)
+    elif held.scale != 1.0:
+        seen = network.seen_points
+        middle = network.point_mm[seen].mean(axis=0)
+        network = aligned(network, middle + held.scale * (network.point_mm[seen] - middle), seen, True)
+    if abs(held.scale - 1) > 1e-3:
+        radius_mm = radii(certified.radii(ties.code), measured_radii(network, ties.moments_px2))
+    ends = np.array([[place[c] for c in bar.codes] for bar in held.bars], int).reshape(-1, 2)
+    lengths = np.array([bar.length_mm for bar in held.bars], float)
+    u = np.array([bar.u_length_mm for bar in held.bars], float)
+    return replace(network, distances=Distances(ends, lengths, u)), radius_mm
+
+
+def _in_doubt(network: Network, ties: Ties, known: dict[int, tuple[np.ndarray, np.ndarray]]) -> str:
+    """A sentence where most places miss the network by more than it can be bent; none else."""
+    here = network.point_mm[[_place(ties, c) for c in known]]
+    target = np.array([xyz for xyz, _ in known.values()])
+    if len(known) < 4:
+        return ""
+
+    def middle(at: np.ndarray) -> float:
+        scale, R, t = robust_similarity(at, target)
+        return float(np.median(np.linalg.norm(scale * at @ R.T + t - target, axis=1)))
+
+    extent = float(np.linalg.norm(np.ptp(target, axis=0)))
+    allowed = max(BENT * extent, 6 * max(float(u.max()) for _, u in known.values()))
+    off = middle(here)
+    if off < allowed:
+        return ""
+    mirrored = middle(here * [-1, 1, 1]) < allowed
+    why = (
+        "they fit its mirror image (are x and y exchanged?)"
+        if mirrored
+        else "are they of other codes, or another field?"
+    )
+    return f"most certified places miss the network by {off:.3g} mm or more: {why}; none of them is used"
+
+
+def _place(ties: Ties, code: int) -> int:
+    return int(np.flatnonzero(ties.code == code)[0])
+
+
+def _rank(item: _Item) -> int:
+    """Which certificate is left out where nothing decides: diameters first, then the last of the distances."""
+    return {PLACES: -1, PLACE: 0, DISTANCE: 1 + item.key, DIAMETERS: 1_000_000}[item.kind]
+
+
+def _misclosure(
+    adjustment: Adjustment,
+    ties: Ties,
+    bars: list[ScaleBar],
+    known: dict[int, tuple[np.ndarray, np.ndarray]],
+    certified: Certified,
+) -> _Misclosure:
+    network = adjustment.network
+    codes = sorted({*known, *(c for bar in bars for c in bar.codes)})
+    points = np.array([_place(ties, c) for c in codes])
+    column = {c: slice(3 * k, 3 * k + 3) for k, c in enumerate(codes)}
+    test = global_test(adjustment)
+    misfit = test.variance if test.variance > max(test.high, 1.0) else 1.0
+    C = misfit * adjustment.cov.points(points)
+    X = network.point_mm[points]
+    s, R, t = 1.0, np.eye(3), np.zeros(3)
+    if known:
+        rows = [codes.index(c) for c in known]
+        s, R, t = robust_similarity(X[rows], np.array([xyz for xyz, _ in known.values()]))
+    at = {c: s * R @ X[k] + t for k, c in enumerate(codes)}
+    own = radii_ratio(network, ties, certified)
+    q = 3 * len(known) + len(bars) + (own is not None)
+    value, own_cov, gain = np.zeros(q), np.zeros(q), np.zeros((q, 3 * len(codes)))
+    motion, scale = np.zeros((q, 6)), np.zeros(q)
+    items: list[_Item] = []
+    middle = np.mean([at[c] for c in codes], axis=0)
+    for k, (c, (xyz, u)) in enumerate(known.items()):
+        row = slice(3 * k, 3 * k + 3)
+        value[row], own_cov[row] = xyz - at[c], np.maximum(u, EXACT_MM) ** 2
+        gain[row, column[c]] = -s * R
+        motion[row, :3], motion[row, 3:] = np.eye(3), -cross_matrix((at[c] - middle)[None])[0]
+        scale[row] = at[c] - middle
+        items.append(_Item(PLACE, c, _columns(q, row), f"code {c}"))
+    for k, bar in enumerate(bars):
+        line = 3 * len(known) + k
+        a, b = bar.codes
+        length = float(np.linalg.norm(at[a] - at[b]))
+        toward = (at[a] - at[b]) / max(length, 1e-12)
+        value[line], own_cov[line] = bar.length_mm - length, max(bar.u_length_mm, EXACT_MM) ** 2
+        gain[line, column[a]], gain[line, column[b]] = -s * toward @ R, s * toward @ R
+        scale[line] = length
+        items.append(_Item(DISTANCE, k, _columns(q, slice(line, line + 1)), bar.name))
+    if known and (bars or own is not None):
+        items.append(
+            _Item(PLACES, 0, np.where(np.arange(q) < 3 * len(known), scale, 0)[:, None], "the certified places")
+        )
+    if own is not None:
+        # In thousandths, so that the row is of the size of the others.
+        value[-1], own_cov[-1], scale[-1] = 1000 * (own / s - 1), (1000 * U_DIAMETER) ** 2, 1000
+        items.append(_Item(DIAMETERS, 0, _columns(q, slice(q - 1, q)), "the dots' diameters"))
+    design = np.column_stack([motion, scale]) if known else scale[:, None]
+    told = certified.radii(ties.code)
+    diameter = 2 * float(np.nanmedian(told)) if np.isfinite(told).any() else np.nan
+    return _Misclosure(value, np.diag(own_cov) + gain @ C @ gain.T, design, items, at, diameter)
+
+
+def _columns(q: int, row: slice) -> np.ndarray:
+    return np.eye(q)[:, row]
+
+
+def radii_ratio(network: Network, ties: Ties, certified: Certified) -> float | None:
+    """Certified over measured diameter of the dots, their median; none where nothing is certified or measured."""
+    with np.errstate(invalid="ignore"):
+        ratio = certified.radii(ties.code) / measured_radii(network, ties.moments_px2)
+    return float(np.nanmedian(ratio)) if np.isfinite(ratio).any() else None
+
+
+def _judged(
+    off: _Misclosure,
+    snooped: Snooped,
+    bars: list[ScaleBar],
+    known: dict[int, tuple[np.ndarray, np.ndarray]],
+    notes: list[str],
+) -> Tested:
+    """What holds, and what is said of what does not."""
+    failures: list[str] = []
+    dropped: dict[int, Blunder] = {b.number: b for b in snooped.found}
+    gone: dict[str, list[int]] = {DISTANCE: [], PLACE: []}
+    for k in dropped:
+        gone.setdefault(off.items[k].kind, []).append(off.items[k].key)
+    places = {} if PLACES in gone else {c: v for c, v in known.items() if c not in gone[PLACE]}
+    if len(places) < 3 or on_a_line(np.array([v[0] for v in places.values()])):
+        places = {}
+    left = [bar for k, bar in enumerate(bars) if k not in gone[DISTANCE]]
+    scale_from = "control points" if places else "distances" if left else "nothing"
+    widest = 0.0
+    for k, blunder in dropped.items():
+        item = off.items[k]
+        rivals = [off.items[j] for j in blunder.alike]
+        said = _said(item, blunder, off, bars, known)
+        if not rivals:
+            notes.append(f"{said}: it is left out")
+            continue
+        names = ", ".join(_called(rival, bars) for rival in rivals)
+        part = _part(item, blunder, bars)
+        sentence = f"{said}, and nothing decides between it and {names}: the scale is from {_from(scale_from, left)}"
+        if item.kind == DISTANCE and any(r.kind == DISTANCE for r in rivals) and part < OTHER_UNIT - 1:
+            widest = max(widest, part / np.sqrt(2))
+            sentence += f", with an uncertainty of {100 * widest:.2g} % that covers the other"
+        notes.append(sentence)
+        failures.append(sentence)
+    if known and not places:
+        notes.append("the certified places contradict each other or the rest: the network is free")
+    if snooped.scatter > 1.5:
+        notes.append(
+            f"the certificates scatter about the network {snooped.scatter:.1f} times as much as both claim, none of "
+            "them alone: the lens is not what the model says, or they are less certain than stated"
+        )
+    u = [float(np.hypot(bar.u_length_mm, widest * bar.length_mm)) for bar in left]
+    left = [replace(bar, u_length_mm=v) for bar, v in zip(left, u, strict=True)] if widest else left
+    found = [off.items[k].columns for k in dropped]
+    scale = 1.0 if places else _scale(off, found)
+    records = [_record(off.items[k], snooped.sigmas[k], dropped.get(k), off, bars) for k in range(len(off.items))]
+    return Tested(tuple(left), places, scale, scale_from, tuple(r for r in records if r), tuple(notes), tuple(failures))
+
+
+def _scale(off: _Misclosure, blunders: list[np.ndarray]) -> float:
+    """What the network is to be multiplied with to fit what holds."""
+    root = np.linalg.cholesky(off.cov)
+    columns = np.linalg.solve(root, np.column_stack([*blunders, off.design]))
+    size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    return 1 + float((np.linalg.lstsq(columns / size, np.linalg.solve(root, off.value), rcond=1e-10)[0] / size)[-1])
+
+
+def _called(item: _Item, bars: list[ScaleBar]) -> str:
+    if item.kind == DISTANCE:
+        return f"the distance '{item.name}' ({bars[item.key].length_mm:g} mm)"
+    return f"the certified place of {item.name}" if item.kind == PLACE else item.name
+
+
+def _part(item: _Item, blunder: Blunder, bars: list[ScaleBar]) -> float:
+    """The blunder as a part of what is certified."""
+    amount = float(np.linalg.norm(blunder.amount))
+    return amount / bars[item.key].length_mm if item.kind == DISTANCE else amount
+
+
+def _from(scale_from: str, left: list[ScaleBar]) -> str:
+    names = ", ".join(f"'{bar.name}'" for bar in left)
+    return {"control points": "the certified places", "distances": names}.get(scale_from, "none of them")
+
+
+def _said(
+    item: _Item, blunder: Blunder, off: _Misclosure, bars: list[ScaleBar],
+    known: dict[int, tuple[np.ndarray, np.ndarray]],
+) -> str:  # fmt: skip
+    """What is wrong with a certificate, by how much, and what that looks like."""
+    sure = f"{blunder.sigmas:.3g} standard deviations"
+    if item.kind == DISTANCE:
+        bar, by = bars[item.key], float(blunder.amount[0])
+        others = bar.length_mm - by
+        ratio = others / bar.length_mm if others > 0 else np.inf
+        guess = ""
+        if not 1 / OTHER_UNIT < ratio < OTHER_UNIT:
+            ratio = max(ratio, 1 / max(ratio, 1e-12))
+            guess = f", in another unit or between other codes; {unit_of(ratio).rstrip('?')}"
+        return (
+            f"the distance '{bar.name}' ({bar.length_mm:g} mm) is {by:+.4g} mm off what the rest says ({sure}{guess})"
+        )
+    if item.kind == PLACE:
+        xyz, _ = known[item.key]
+        seen = xyz - blunder.amount if len(blunder.amount) == 3 else off.here_mm[item.key]
+        far = float(np.linalg.norm(xyz - seen))
+        other = min((float(np.linalg.norm(seen - v[0])), c) for c, v in known.items() if c != item.key)
+        swapped = f", and lies where code {other[1]} is certified: are they exchanged?" if other[0] < 0.05 * far else ""
+        return f"code {item.key} is {far:.3g} mm off its certified place ({sure}{swapped})"
+    by = float(blunder.amount[0])
+    if item.kind == PLACES:
+        times = 1 / max(1 - by, 1e-12)
+        if not 1 / OTHER_UNIT < times < OTHER_UNIT:
+            return f"the certified places are {times:.4g} times as far apart as the rest says ({sure}): in another unit"
+        return f"the scale of the certified places is off by {100 * by:+.3g} % ({sure})"
+    by = by / 1000
+    guess = "" if abs(np.log1p(max(by, -0.9999))) < np.log(OTHER_UNIT) else ": they are in another unit"
+    wide = off.diameter_mm / max(1 + by, 1e-12)
+    return f"the dots are {wide:.4g} mm wide, and certified as {off.diameter_mm:.4g} mm ({sure}{guess})"
+
+
+def _record(item: _Item, sigmas: float, found: Blunder | None, off: _Misclosure, bars: list[ScaleBar]) -> dict:
+    """What is kept of a certificate's test."""
+    error = None if found is None else float(np.linalg.norm(found.amount))
+    if error is not None and item.kind == DIAMETERS:
+        error /= 1000  # a part, from thousandths
+    return {
+        "certificate": item.name, "kind": item.kind, "sigmas": float(found.sigmas if found else sigmas),
+        "off": error, "used": found is None, "contradicts": [off.items[k].name for k in found.alike] if found else [],
+    }  # fmt: skip

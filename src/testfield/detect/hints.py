@@ -1,0 +1,126 @@
+"""What a photograph shows where what was asked for is not found: one sentence for each thing that was seen."""
+
+from collections import Counter
+
+import cv2
+import numpy as np
+
+from testfield.camera.photograph import Photograph
+from testfield.detect.circle_grid import order_grid
+from testfield.detect.decode import decode
+from testfield.detect.eight_bits import pictures
+from testfield.detect.noise import noise_of_pixels
+from testfield.detect.observations import MEASURED, Observations
+from testfield.detect.opencv_boards import tag_detector
+from testfield.detect.target_spec import TargetSpec
+from testfield.targets.board_pattern import dictionaries, dictionary
+from testfield.targets.marks import RADII
+from testfield.targets.ring_code import BITS
+
+BLANK_SIGMAS, MOSTLY, DARK = 12.0, 0.5, 0.03
+"""A range of less than the first is nothing but noise; more than the second part of all pixels full is too long an
+exposure, all below the third part of the range is too short a one."""
+SURROUNDED = ("ring cannot be read", "surroundings are not a target's")
+LEAST_CODES, LEAST_TAGS = 3, 2
+LARGEST_PX = 1600
+"""Larger images are reduced before other dictionaries and sizes are tried."""
+
+
+def exposure(photograph: Photograph) -> tuple[str, ...]:
+    """Whether the image is blank, or mostly too bright or too dark to show anything."""
+    pixels, end = photograph.pixels, (1 << photograph.bits) - 1
+    high = float(np.percentile(pixels, 99.5))
+    full = float((pixels >= end).mean())
+    if full > MOSTLY:
+        return (f"over-exposed: {100 * full:.0f} % of the pixels are full",)
+    if high < DARK * end:
+        return (f"under-exposed: of {end} DN the brightest pixels have {high:.0f}",)
+    if pixels.max() - pixels.min() < BLANK_SIGMAS * noise_of_pixels(pixels):
+        return (f"blank: all pixels are {np.median(pixels):.0f} DN but for noise",)
+    return ()
+
+
+def of_rings(image: np.ndarray, o: Observations, background_dn: np.ndarray, contrast_dn: np.ndarray) -> tuple[str, ...]:
+    """Dots with something around them that is not the ring code asked for, and as which other code they can be read.
+
+    `image` (h, w) of bright marks; the levels (n,) of each row of `o` as in `Centres`."""
+    ringed = np.flatnonzero(np.isin(o.status.astype(str), SURROUNDED))
+    plain = int((o.status == MEASURED).sum())
+    said = [f"{plain} dots without a ring"] if plain else []
+    if not len(ringed):
+        return tuple(said)
+    said.append(f"{len(ringed)} dots with something around them: another shape of rings or another code system?")
+    levels = o.xy_px[ringed], o.moments_px2[ringed], contrast_dn[ringed], background_dn[ringed]
+    best, as_what = LEAST_CODES - 1, ""
+    for radii, shape in RADII.items():
+        for bits in BITS:
+            code = decode(image, *levels, bits, shape)[0]
+            count = len(np.unique(code[code > 0]))
+            if count > best:
+                best, as_what = count, f"--target ring{bits} --radii {radii} reads {count} numbers"
+    return (*said, as_what) if as_what else tuple(said)
+
+
+def of_grids(o: Observations, target: TargetSpec) -> tuple[str, ...]:
+    """The largest grid that the measured dots make up, beside the one asked for."""
+    good = o.take(np.isfinite(o.xy_px).all(axis=1) & (o.status == MEASURED))
+    place = order_grid(good.xy_px, good.diameter_px)
+    here = place[:, 0] >= 0
+    if not here.any():
+        return (f"{len(good)} dots, which make up no grid",) if len(good) else ()
+    columns, rows = place.max(axis=0) + 1
+    missing = columns * rows - int(here.sum())
+    but = f", {missing} of them missing" if missing else ""
+    return (f"a grid of {columns} x {rows} dots{but}; {target.columns} x {target.rows} were asked for",)
+
+
+def of_boards(photograph: Photograph, target: TargetSpec) -> tuple[str, ...]:
+    """Tags of other dictionaries, boards of other sizes."""
+    pixels = photograph.pixels
+    scale = LARGEST_PX / max(pixels.shape)
+    if scale < 1:
+        pixels = cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    try:
+        if target.kind == "checkerboard":
+            return _other_checkerboard(pixels, target)
+        if target.kind in ("charuco", "aruco", "apriltag"):
+            return _other_tags(pixels, target)
+    except cv2.error:
+        return ()
+    return ()
+
+
+def _other_checkerboard(pixels: np.ndarray, target: TargetSpec) -> tuple[str, ...]:
+    for picture in pictures(pixels):
+        found, _, cells = cv2.findChessboardCornersSBWithMeta(picture, (3, 3), cv2.CALIB_CB_LARGER)
+        if found and cells is not None:
+            rows, columns = sorted(cells.shape[:2], reverse=target.rows > target.columns)
+            return (
+                f"a checkerboard of {columns} x {rows} inner corners; {target.columns} x {target.rows} were asked for",
+            )
+    return ()
+
+
+def _other_tags(pixels: np.ndarray, target: TargetSpec) -> tuple[str, ...]:
+    """Which dictionary reads the most, of each size the largest; the board's own too, whose layout may be another."""
+    counts: Counter[str] = Counter()
+    most: dict[str, int] = {}
+    for inverted in (False, True):
+        for name in dictionaries():
+            if name.endswith(("_50", "_100", "_250")):
+                continue
+            for picture in pictures(pixels):
+                numbers = tag_detector(dictionary(name)).detectMarkers(255 - picture if inverted else picture)[1]
+                if numbers is not None and len(numbers) > counts[name]:
+                    counts[name], most[name] = len(numbers), int(np.max(numbers))
+        if max(counts.values(), default=0) >= LEAST_TAGS:
+            break
+    if not counts:
+        return ()
+    name, count = max(counts.items(), key=lambda item: (item[1], item[0]))
+    if count < LEAST_TAGS:
+        return ()
+    small = name.replace("_1000", f"_{next(n for n in (50, 100, 250, 1000) if most[name] < n)}")
+    if target.kind == "charuco" and small.split("_")[:2] == target.dictionary.upper().split("_")[:2]:
+        return (f"{count} tags of {small}, the largest number {most[name]}: a board of another layout?",)
+    return (f"{count} tags of {small}; {target.dictionary} was asked for",)

@@ -1,0 +1,135 @@
+"""What can be read both ways is read, and "nothing found" says what was seen."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from testfield.bench.drawn_board import draw_board, facing
+from testfield.camera.photograph import photograph_of
+from testfield.cli.main import main
+from testfield.detect.observations import MEASURED
+from testfield.detect.photograph import Found, detect_in_photograph
+from testfield.detect.target_spec import parse_target
+from testfield.targets.board_pattern import BoardPattern, dictionary
+
+TO_PX = facing(1.3, (165, 140), 8, 2e-4)
+
+
+def drawn(pattern: BoardPattern) -> np.ndarray:
+    return draw_board(pattern, (330, 280), TO_PX)
+
+
+def seen(image: np.ndarray, target: str) -> Found:
+    noise = np.random.default_rng(0).normal(0, 1, image.shape)
+    pixels = np.clip(np.rint(image + noise), 0, 255).astype(np.uint8)
+    return detect_in_photograph(photograph_of("it", pixels), parse_target(target))
+
+
+def said(found: Found) -> str:
+    return " ".join(found.notes)
+
+
+CHARUCO = BoardPattern("charuco", 7, 6, 30, 22, "DICT_4X4_50")
+LEGACY = BoardPattern("charuco", 7, 6, 30, 22, "DICT_4X4_50", legacy=True)
+CHECKERBOARD = BoardPattern("checkerboard", 8, 6, 28)
+
+
+def test_a_legacy_board_is_printed_as_opencv_printed_it() -> None:
+    board = cv2.aruco.CharucoBoard((7, 6), 30, 22, dictionary("DICT_4X4_50"))
+    board.setLegacyPattern(True)
+    theirs = board.generateImage((7 * 180, 6 * 180)) < 128
+    x, y = (np.arange(7 * 180) + 0.5) / 6 - 105, 90 - (np.arange(6 * 180) + 0.5) / 6
+    assert np.array_equal(LEGACY.cells.at(np.stack(np.meshgrid(x, y), axis=-1)), theirs)
+
+
+@pytest.mark.parametrize(
+    ("image", "target"),
+    [
+        pytest.param(lambda: drawn(LEGACY), "charuco:7x6:DICT_4X4_50:30:22", id="a ChArUco of before OpenCV 4.6"),
+        pytest.param(lambda: drawn(CHARUCO), "charuco:6x7:DICT_4X4_50:30:22", id="columns and rows exchanged"),
+        pytest.param(lambda: 230 - drawn(CHARUCO), "charuco:7x6:DICT_4X4_50:30:22", id="white on black"),
+    ],
+)  # fmt: skip
+def test_a_charuco_that_can_be_read_otherwise_is_read_and_it_is_said(image, target: str) -> None:
+    found = seen(image(), target)
+    here = found.observations
+    assert (here.status == MEASURED).sum() == 30
+    true = cv2.perspectiveTransform(CHARUCO.points_mm[None], TO_PX)[0]
+    assert np.abs(here.xy_px - true[here.point]).max() < 0.2
+    assert found.notes
+
+
+@pytest.mark.parametrize("target", ["checkerboard:7x5", "checkerboard:5x7"])
+@pytest.mark.parametrize("white_on_black", [False, True])
+def test_a_checkerboard_is_measured_either_way(target: str, white_on_black: bool) -> None:
+    image = drawn(CHECKERBOARD)
+    assert (seen(230 - image if white_on_black else image, target).observations.status == MEASURED).sum() == 35
+
+
+def test_tags_printed_white_on_black_are_read() -> None:
+    found = seen(230 - drawn(BoardPattern("tags", 4, 3, 50, 36, "DICT_5X5_100")), "aruco:DICT_5X5_100")
+    assert (found.observations.status == MEASURED).sum() == 48
+    assert found.numbers.tolist() == list(range(12))
+
+
+@pytest.mark.parametrize(
+    ("image", "target", "word"),
+    [
+        (lambda: drawn(CHARUCO), "charuco:7x6:DICT_5X5_50:30:22", "DICT_4X4_50"),
+        (lambda: drawn(CHARUCO), "charuco:9x4:DICT_4X4_50:30:22", "21 tags"),
+        (lambda: drawn(BoardPattern("tags", 4, 3, 50, 36, "DICT_5X5_100")), "aruco:DICT_6X6_250", "12 tags"),
+        (lambda: drawn(CHECKERBOARD), "checkerboard:8x6", "7 x 5"),
+        (lambda: np.full((200, 300), 120.0), "checkerboard:8x6", "blank"),
+        (lambda: np.full((200, 300), 300.0), "ring14", "over-exposed"),
+        (lambda: 0.02 * drawn(CHECKERBOARD), "ring14", "under-exposed"),
+    ],
+)  # fmt: skip
+def test_nothing_found_says_what_was_seen(image, target: str, word: str) -> None:
+    found = seen(image(), target)
+    assert not (found.observations.status == MEASURED).any()
+    assert word in said(found)
+
+
+def rings(inner: float, outer: float) -> np.ndarray:
+    """Twelve dots on black with rings of 12 segments, three of them bright."""
+    y, x = (np.mgrid[0:1200, 0:1600] + 0.5) / 4
+    image = np.zeros((1200, 1600))
+    for k in range(12):
+        dx, dy = x - 50 - 95 * (k % 4), y - 50 - 95 * (k // 4)
+        r, segment = np.hypot(dx, dy), np.floor(np.arctan2(dy, dx) / (2 * np.pi) * 12) % 12
+        bright = np.isin(segment, [k % 3, 5, 8])
+        image[(r < 8) | ((r > 8 * inner) & (r < 8 * outer) & bright)] = 180
+    return 20 + cv2.GaussianBlur(cv2.resize(image, (400, 300), interpolation=cv2.INTER_AREA), (0, 0), 0.7)
+
+
+def test_dots_with_rings_of_another_system_are_counted() -> None:
+    assert "12 dots with something around them" in said(seen(rings(2.0, 3.0), "ring14"))
+
+
+def test_a_grid_of_another_size_is_named() -> None:
+    y, x = np.mgrid[0:220, 0:300].astype(float)
+    dots = np.full(x.shape, 200.0)
+    for k in range(24):
+        dots -= 160 * np.clip(8.5 - np.hypot(x - 40.2 - 40 * (k % 6), y - 45.3 - 40 * (k // 6)), 0, 1)
+    found = seen(dots, "circles:5x4")
+    assert "6 x 4" in said(found)
+    assert (found.observations.status == MEASURED).sum() == 24
+
+
+@pytest.mark.parametrize(
+    ("target", "option"),
+    [
+        ("charuco:7x6:DICT_4X4_50:30:22", ["--radii", "1:2:3"]),
+        ("aruco:DICT_4X4_50", ["--white-on-black"]),
+        ("checkerboard:7x5", ["--smallest-px", "5"]),
+        ("circles:6x4", ["--radii", "1:2:3"]),
+        ("ring14", ["--jobs", "2"]),
+    ],
+)  # fmt: skip
+def test_options_that_do_not_apply_are_refused(
+    target: str, option: list[str], tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    assert main(["detect", str(tmp_path), "--target", target, *option]) == 2
+    assert option[0] in capsys.readouterr().err
