@@ -97,8 +97,9 @@ def test_columns_of_points_are_checked(quick: Run, tmp_path: Path) -> None:
 @pytest.mark.parametrize("value", [np.nan, np.inf, -1.0])
 def test_radiance_that_is_none_is_named(value: float, tmp_path: Path) -> None:
     pixels = np.ones((8, 8), np.float32)
+    radiance = Radiance("a", pixels)
     pixels[3, 3] = value
-    Radiance("a", pixels).save(tmp_path / "a.exr")
+    radiance.save(tmp_path / "a.exr")
     with pytest.raises(TestfieldError, match=r"a\.exr"):
         Radiance.load(tmp_path / "a.exr")
 

@@ -13,10 +13,9 @@ linear.THREADS = normal.THREADS = int(sys.argv[2])
 from testfield.bench.drawn import draw_observations
 from testfield.chain.run import begin
 from testfield.chain.stages import run_stage
-from testfield.seeds import generator
 folder = Path(sys.argv[1])
 run, _ = begin(Path(sys.argv[3]), folder, None, 1)
-draw_observations(run.scene, run.world, run.views, generator(1, "x")).save(folder / "observations.parquet")
+draw_observations(run.scene, run.world, run.views, 1).save(folder / "observations.parquet")
 for stage in ("calibrate", "reconstruct", "score"):
     run_stage(run, stage)
 for name in ("calibration.json", "points.parquet"):

@@ -175,6 +175,8 @@ class Radiance:
             raise TestfieldError(f"not a readable radiance image ({reason})", str(path), "render again") from error
         if values.ndim != 2 or values.dtype.kind != "f" or not isinstance(station, str):
             raise TestfieldError(f"radiance of shape {values.shape}, type {values.dtype}", str(path), "render again")
+        if (values < 0).any():
+            raise TestfieldError("radiance below zero", str(path), "render again")
         try:
             return Radiance(station, values.astype(np.float32))
         except TestfieldError as error:

@@ -153,8 +153,14 @@ class _Lengths(OpenSheet):
     bars: list[_MeasuredBar | _Bar]
 
 
+class _Verdict(OpenSheet):
+    passed: bool
+    failures: list[str]
+
+
 class _Card(OpenSheet):
     scene: str
+    verdict: _Verdict
     detection: _Detection
     calibration: _Camera
     boards: _Boards
