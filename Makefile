@@ -1,4 +1,4 @@
-.PHONY: demo test test-all check setup clean
+.PHONY: demo test test-all torture check setup clean
 
 demo: setup
 	.venv/bin/testfield run scenes/stitched_wall.toml
@@ -8,6 +8,9 @@ test: setup check
 
 test-all: setup check
 	.venv/bin/python -m pytest -q
+
+torture: setup
+	.venv/bin/python tests/torture/run.py
 
 check: setup
 	.venv/bin/ruff format --check src tests

@@ -394,8 +394,8 @@ def test_a_run_without_measuring_lines_is_tested_on_its_check_targets(
     assert "no verdict" in text and "VDI/VDE 2634" in text and "conform" not in text
     page = (folder / "accept.html").read_text()
     assert "computed as in VDI/VDE 2634" in page and "conform" not in page and page.count("<svg") == 3
-    for a_mm, verdict in ((1.0, "passed"), (1e-5, "failed")):
-        assert main(["accept", str(folder), "--a-mm", str(a_mm), "--json"]) == 0
+    for a_mm, verdict, status in ((1.0, "passed", 0), (1e-5, "failed", 1)):
+        assert main(["accept", str(folder), "--a-mm", str(a_mm), "--json"]) == status
         card = json.loads(capsys.readouterr().out)
         assert card["verdict"]["verdict"] == verdict and card["verdict"]["arrangement_met"] is False
         assert "so this is not the test of part 1" in (folder / "accept.html").read_text()
@@ -403,8 +403,8 @@ def test_a_run_without_measuring_lines_is_tested_on_its_check_targets(
     assert "no measuring lines" in card["lengths"]["rule"]
     assert card["arrangement"] is None
     again = (folder / "accept.html").read_bytes()
-    assert main(["accept", str(folder), "--a-mm", "1e-5"]) == 0
-    capsys.readouterr()
+    assert main(["accept", str(folder), "--a-mm", "1e-5"]) == 1
+    assert "failed" in capsys.readouterr().out.splitlines()[0].lower()
     assert (folder / "accept.html").read_bytes() == again
 
     for more, word in ((["--k-ppm", "3"], "K or B alone"), (["--a-mm", "-1"], "no limit")):

@@ -10,8 +10,10 @@ from pathlib import Path
 
 import pytest
 
+from testfield.chain.belongs import check_truth
 from testfield.chain.run import Run, begin, resume
 from testfield.chain.stages import STAGES, run_stage
+from testfield.errors import TestfieldError
 from testfield.score.scorecard import figure
 
 QUICK = Path(__file__).parents[1] / "scenes/quick.toml"
@@ -200,15 +202,79 @@ def test_a_frame_of_another_size_is_refused(copy: Run, capsys: pytest.CaptureFix
     assert "1280 x 1024" in said
 
 
-def test_a_frame_that_is_not_the_runs_own_is_not_written_over(quick: Run, tmp_path: Path) -> None:
-    shutil.copytree(quick.folder, tmp_path / "own")
-    run = resume(tmp_path / "own", 1)
-    for name in list(run.ledger.files):
-        if name.startswith("frames/"):
-            del run.ledger.files[name]
-    mine = (run.folder / "frames/station01.png").read_bytes()
-    run_stage(run, "expose")
-    assert (run.folder / "frames/station01-before.png").read_bytes() == mine
+def test_frames_of_ones_own_are_used_and_never_touched(copy: Run, capsys: pytest.CaptureFixture) -> None:
+    import cv2
+
+    from testfield.cli.main import main
+
+    folder = copy.folder / "frames"
+    pixels = cv2.imread(str(folder / "station01.png"), cv2.IMREAD_UNCHANGED)
+    cv2.imwrite(str(folder / "station01.png"), pixels + 1)
+    sheet = json.loads((folder / "station02.json").read_text())
+    (folder / "station02.json").write_text(json.dumps(sheet | {"read_noise_e": 3.0}))
+    mine = {path: path.read_bytes() for path in folder.iterdir()}
+    for command in (["run", str(copy.folder / "scene.toml"), "--out", str(copy.folder)], ["expose", str(copy.folder)]):
+        assert main(command) == 2
+        assert "station01.png" in capsys.readouterr().err
+    assert main(["detect", str(copy.folder)]) == 0
+    said = capsys.readouterr()
+    assert "done" in said.out and "station01.png" in said.err and "station02.json" in said.err
+    assert {path: path.read_bytes() for path in folder.iterdir()} == mine
+
+
+def test_a_result_that_somebody_changed_is_refused_and_not_touched(copy: Run) -> None:
+    path = copy.folder / "calibration.json"
+    mine = path.read_text().replace('"notes": []', '"notes": ["mine"]') + "\n"
+    path.write_text(mine)
+    with pytest.raises(TestfieldError, match=r"calibration\.json"):
+        run_stage(copy, "calibrate")
+    assert path.read_text() == mine
+    path.unlink()
+    assert run_stage(copy, "calibrate")
+
+
+def test_a_scene_edited_in_the_runs_folder_is_not_written_over(copy: Run) -> None:
+    path = copy.folder / "scene.toml"
+    mine = path.read_text() + "# mine\n"
+    path.write_text(mine)
+    with pytest.raises(TestfieldError, match=r"scene\.toml"):
+        begin(QUICK, copy.folder, None, 1)
+    assert path.read_text() == mine
+    begin(path, copy.folder, None, 1)
+    assert path.read_text() == mine
+
+
+def test_a_frame_that_is_a_link_out_of_the_folder_is_refused(copy: Run, tmp_path: Path) -> None:
+    path = copy.folder / "frames/station01.png"
+    path.rename(tmp_path / "elsewhere.png")
+    path.symlink_to(tmp_path / "elsewhere.png")
+    with pytest.raises(TestfieldError, match=r"station01\.png"):
+        run_stage(copy, "detect")
+
+
+@pytest.mark.parametrize("stage", ["score", "report", "accept", "uncertainty"])
+def test_a_truth_that_was_never_rendered_is_refused(copy: Run, stage: str, capsys: pytest.CaptureFixture) -> None:
+    from testfield.cli.main import main
+
+    path = copy.folder / "scene.toml"
+    path.write_text(path.read_text().replace("k1 = -0.09", "k1 = -0.08"))
+    assert main([stage, str(copy.folder)]) == 2
+    assert "scene.toml" in capsys.readouterr().err
+
+
+def test_a_radiance_rendered_anew_leaves_the_old_frames_truth_behind(copy: Run) -> None:
+    path = copy.folder / "scene.toml"
+    path.write_text(path.read_text().replace("k1 = -0.09", "k1 = -0.08"))
+    run = resume(copy.folder, 1)
+    run.ledger.files = {name: entry for name, entry in run.ledger.files.items() if not name.endswith(".exr")}
+    with pytest.raises(TestfieldError, match=r"frames/station01\.png"):
+        check_truth(run)
+
+
+def test_what_changes_nothing_of_the_truth_may_be_edited(copy: Run) -> None:
+    path = copy.folder / "scene.toml"
+    path.write_text(path.read_text().replace("[exposure]", '[measure]\ncentroid = "grey_centroid"\n\n[exposure]'))
+    check_truth(resume(copy.folder, 1))
 
 
 def test_a_scene_without_checks_or_bars_still_gives_a_report(tmp_path: Path) -> None:

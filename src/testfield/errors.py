@@ -7,6 +7,11 @@ from typing import TypeVar
 
 T = TypeVar("T")
 
+DAMAGE = (
+    ValueError, LookupError, TypeError, AttributeError, EOFError, ArithmeticError, RecursionError, MemoryError, OSError,
+)  # fmt: skip
+"""What reading a damaged file may raise."""
+
 
 class TestfieldError(Exception):
     """Something a person can mend. The command line prints it in one line and exits with status 2.
@@ -43,9 +48,11 @@ def speaking(what: str) -> Callable[[Callable[[Path], T]], Callable[[Path], T]]:
         def speak(path: Path) -> T:
             try:
                 return load(path)
-            except (ValueError, KeyError, TypeError, AttributeError, EOFError) as error:
-                # Arrow's and JSON's own errors are ValueErrors.
-                reason = " ".join(f"{type(error).__name__}: {error}".split())[:120]
+            except DAMAGE as error:
+                # Arrow's and JSON's own errors are ValueErrors; Arrow's of damaged bytes are OSErrors without a number.
+                if isinstance(error, OSError) and error.errno is not None:
+                    raise
+                reason = " ".join(f"{type(error).__name__}: {error}".split())[:200]
                 raise TestfieldError(f"not a readable {what} file ({reason})", str(path), "make it again") from error
 
         return speak

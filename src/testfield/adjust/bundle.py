@@ -61,8 +61,9 @@ class Adjustment:
         """(m, 2, 2) redundancy matrices of the whitened observations; their traces sum to the freedom that the images
         have. Near zero: an error of this observation shows in no residual."""
         answer = np.empty((len(self.residual_px), 2, 2))
-        for group, predicted in zip(self.equations.structure.groups, self.cov.of_predictions(), strict=True):
-            answer[group.rows] = np.eye(2) - predicted
+        with threadpool_limits(1, "blas"):  # the same digits whatever the number of threads
+            for group, predicted in zip(self.equations.structure.groups, self.cov.of_predictions(), strict=True):
+                answer[group.rows] = np.eye(2) - predicted
         return answer
 
 

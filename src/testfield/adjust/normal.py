@@ -15,6 +15,8 @@ from testfield.adjust.linear import THREADS, Derivatives, Structure
 from testfield.adjust.network import EXACT_MM, Network
 from testfield.errors import TestfieldError
 
+PARTS = 8
+"""At least so many chunks, for as many threads; not the number of cores, or sums would depend on it."""
 CHUNK_NUMBERS = 16_000_000
 """Numbers of `across` that a thread holds at a time."""
 SINGULAR = 1e-13
@@ -99,9 +101,9 @@ class NormalEquations:
         return block
 
     def chunks(self) -> list[tuple[int, int]]:
-        """Ranges of points whose `across` is made at a time: at least one for each thread."""
+        """Ranges of points whose `across` is made at a time, the same on every machine: their sums are in order."""
         n = len(self.point_normal)
-        step = max(1, min(CHUNK_NUMBERS // (3 * max(self.size, 1)), -(-n // THREADS)))
+        step = max(1, min(CHUNK_NUMBERS // (3 * max(self.size, 1)), -(-n // PARTS)))
         return [(first, min(first + step, n)) for first in range(0, n, step)]
 
     def reduced(self, damping: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

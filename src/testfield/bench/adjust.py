@@ -124,6 +124,10 @@ def large_here() -> None:
     """Adjust the large network and print its figures."""
     import json
 
+    from testfield.store.pool import end_with_parent
+
+    end_with_parent()
+
     images, points, rays = LARGE
     _, start = free_network(images, points, rays)
     begin = time.perf_counter()

@@ -26,7 +26,6 @@ from testfield.calibrate.calibration import Calibration
 from testfield.camera.circle import disc_image
 from testfield.camera.pose import rotation_vector
 from testfield.camera.project import project
-from testfield.chain.files import digest
 from testfield.chain.run import Run, with_seed
 from testfield.chain.trials import Trials, reexposed
 from testfield.detect.observations import Observations
@@ -40,6 +39,7 @@ from testfield.scene.world import World
 from testfield.score.camera import true_in_datum
 from testfield.score.points import score_points
 from testfield.seeds import seed_of
+from testfield.store.digests import digest
 from testfield.targets.field import Field
 from testfield.uncertainty.consistency import nees_band
 

@@ -15,8 +15,10 @@ import numpy as np
 from testfield.bench.centring import BEST, SEED, Task, measure
 from testfield.bench.dots import Case
 from testfield.chain.code import code_digest
-from testfield.chain.files import Ledger, digest
 from testfield.registry import module_of, names
+from testfield.store.digests import digest
+from testfield.store.ledger import Ledger
+from testfield.store.text import read_text, write_text
 
 FACTORS: dict[str, tuple[str, list[Any]]] = {
     "diameter": ("diameter_px", [4.0, 5.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0, 40.0]),
@@ -89,13 +91,13 @@ def run(tasks: Plan, folder: Path, tell: Callable[[str], None]) -> Series:
         done += effort(task)
     series: Series = {}
     for factor, task in tasks:
-        row = json.loads((ledger.folder / file_name(task)).read_text())
+        row = json.loads(read_text(ledger.folder / file_name(task)))
         series.setdefault(factor, []).append(row)
     return series
 
 
 def _write(task: Task, path: Path) -> None:
-    path.write_text(json.dumps(measure(task)))
+    write_text(path, json.dumps(measure(task)))
 
 
 def effort(task: Task) -> float:

@@ -11,6 +11,7 @@ from testfield.bench.centring import BEST, KNOWN
 from testfield.bench.detect import CHI2, FACTORS, LEAST_EFFICIENCY, MOST_BIAS, text
 from testfield.bench.dots import Case
 from testfield.report.style import ACCENT, FAINT, INK, figure
+from testfield.store.text import read_text, write_text
 
 LABELS = {
     "diameter": "diameter, px", "tilt": "tilt, degrees", "snr": "contrast over noise", "blur": "blur, px",
@@ -39,7 +40,7 @@ def write_page(figures: dict[str, Any], folder: Path) -> Path:
     from markupsafe import Markup
 
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "detect.json").write_text(json.dumps(figures, indent=1))
+    write_text(folder / "detect.json", json.dumps(figures, indent=1))
     drawings = {}
     for factor, rows in figures["series"].items():
         if factor in FACTORS and len(rows) > 1:
@@ -48,9 +49,9 @@ def write_page(figures: dict[str, Any], folder: Path) -> Path:
             drawings[factor] = Markup(svg[svg.index(b"<svg") :].decode())
     environment = Environment(undefined=StrictUndefined, autoescape=True, trim_blocks=True, lstrip_blocks=True)
     environment.globals.update(text=text, titles=TITLES, best=BEST, known=KNOWN)
-    template = environment.from_string(TEMPLATE.read_text())
+    template = environment.from_string(read_text(TEMPLATE))
     page = folder / "detect.html"
-    page.write_text(template.render(b=figures, base=Case(), drawings=drawings))
+    write_text(page, template.render(b=figures, base=Case(), drawings=drawings))
     return page
 
 

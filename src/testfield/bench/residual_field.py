@@ -7,7 +7,6 @@ without it observations are drawn at the physical bound (`bench/drawn.py`), whic
 """
 
 import argparse
-import json
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +21,9 @@ from testfield.scene.load import parse_scene
 from testfield.scene.truth import see
 from testfield.score.camera import score_camera
 from testfield.score.points import score_points
+from testfield.score.scorecard import load_scorecard
 from testfield.seeds import seed_of
+from testfield.store.text import write_text
 from testfield.study.cases import changed, scene_table
 
 KINDS = ("rings", "dots", "checkerboard", "circles")
@@ -62,7 +63,7 @@ def trial(kind: str, rms_px: float, draw: int, scenes: Path, folder: Path | None
         card = _drawn(table, f"{kind}/{rms_px}/{draw}")
     else:
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / "scene.toml").write_text(tomli_w.dumps(table))
+        write_text(folder / "scene.toml", tomli_w.dumps(table))
         card = _rendered(begin(folder / "scene.toml", folder / "run", None, 1)[0])
     camera, points = card["calibration"], card["points"]
     return {
@@ -95,7 +96,7 @@ def _drawn(table: dict[str, Any], name: str) -> dict[str, Any]:
 def _rendered(run: Run) -> dict[str, Any]:
     for stage in ("render", "expose", "detect", "calibrate", "reconstruct", "score"):
         run_stage(run, stage)
-    return json.loads((run.folder / "scorecard.json").read_text())
+    return load_scorecard(run.folder / "scorecard.json")
 
 
 def main() -> None:

@@ -1,21 +1,37 @@
 """The result of a calibration: the camera, its stations, the boards, and how well all of them are known."""
 
 import json
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from pydantic import field_validator
 
 from testfield.calibrate.calibration_check import what_cannot_be
 from testfield.camera.interior import Interior
 from testfield.camera.pose import Poses
 from testfield.errors import TestfieldError, speaking
+from testfield.store.sheets import (
+    FORMAT,
+    Count,
+    Finite,
+    OpenSheet,
+    Positive,
+    Sheet,
+    array,
+    checked,
+    covariance,
+    read_json,
+    unique,
+)  # fmt: skip
+from testfield.store.text import write_text
 
+AXES = ("rx", "ry", "rz", "tx", "ty", "tz")
 TUPLES = (
     "station_names", "board_names", "labels", "rejected", "notes", "joints", "board_quality", "rejections",
     "certificates", "failures",
 )  # fmt: skip
-NEEDED = ("station_names", "board_names", "labels")
 ARRAYS = ("covariance", "residual_at_px", "residual_px", "point_code", "point_mm")
 
 
@@ -71,7 +87,7 @@ class Calibration:
 
     def station_unknowns(self, station: int) -> list[str]:
         """Names of a station's six unknowns."""
-        return [f"station:{self.station_names[station]}.{axis}" for axis in ("rx", "ry", "rz", "tx", "ty", "tz")]
+        return [f"station:{self.station_names[station]}.{axis}" for axis in AXES]
 
     def point_unknowns(self, codes: np.ndarray) -> np.ndarray:
         """(3k,) places in the covariance of points that were adjusted with the cameras, by their codes."""
@@ -85,24 +101,121 @@ class Calibration:
             "boards": _poses_json(self.boards),
             **{key: getattr(self, key).tolist() for key in ARRAYS},
         }
-        path.write_text(json.dumps(data))
+        write_text(path, json.dumps({"format": FORMAT} | data))
 
     @staticmethod
     @speaking("calibration")
     def load(path: Path) -> "Calibration":
-        """Read what `save`, or anybody else, wrote. Raises `TestfieldError` for what does not fit together."""
-        data = json.loads(path.read_text())
-        data["interior"] = Interior.from_json(data["interior"])
-        data["stations"], data["boards"] = (_poses(data[key]) for key in ("stations", "boards"))
-        data |= {key: np.array(data[key]) for key in ARRAYS}
-        data["point_code"], data["point_mm"] = data["point_code"].astype(int), data["point_mm"].reshape(-1, 3)
-        for key in TUPLES:
-            data[key] = tuple(data[key] if key in NEEDED else data.get(key, ()))
-        data["graph"] = tuple(tuple(edge) for edge in data["graph"])
-        found = Calibration(**data)
+        """Read what `save` wrote. Raises `TestfieldError` where types, names, shapes or numbers are not such."""
+        data = read_json(path)
+        arrays = {key: data.pop(key) for key in ARRAYS}
+        file = checked(_File, data)
+        if unknown := set(data) - {f.name for f in fields(Calibration)}:
+            raise ValueError(f"{min(unknown)}: no such part")
+        P, points = len(file.labels), len(arrays["point_code"])
+        residuals = len(arrays["residual_px"])
+        plain = file.model_dump(exclude={"interior", "stations", "boards"})
+        found = Calibration(
+            **(plain | {"test": plain["test"] or {}} | {key: tuple(plain.get(key, ())) for key in TUPLES}),
+            interior=Interior.from_json(file.interior),
+            stations=_poses(file.stations, "stations", len(file.station_names)),
+            boards=_poses(file.boards, "boards", len(file.board_names)),
+            covariance=covariance(arrays["covariance"], "covariance", P),
+            residual_px=array(arrays["residual_px"], "residual_px", residuals, 2),
+            residual_at_px=array(arrays["residual_at_px"], "residual_at_px", residuals, 2),
+            point_code=array(arrays["point_code"], "point_code", points, kind=int),
+            point_mm=array(arrays["point_mm"], "point_mm", points, 3),
+        )  # fmt: skip
+        _names_fit(found)
         if wrong := what_cannot_be(found):
             raise TestfieldError(wrong, str(path), "make it again, or mend what was edited")
         return found
+
+
+class _Pose(Sheet):
+    R: list[list[Finite]]
+    t_mm: list[Finite]
+
+
+class _Rejected(OpenSheet):
+    station: str
+    board: str
+    x_px: float
+    y_px: float
+    sigmas: float | None
+
+
+class _Joint(OpenSheet):
+    station: str
+    board: str
+    marks: Count
+    rms_px: float | None
+    redundancy: float | None
+
+
+class _BoardQuality(OpenSheet):
+    board: str
+    u_position_mm: float | None
+    u_turn_mrad: float | None
+    images: Count
+    links: Count | None
+
+
+class _Test(OpenSheet):
+    variance: float
+    low: float
+    high: float
+    freedom: int
+    passed: bool
+    contradict: int
+    contradict_at_most: int
+    least_redundancy: float
+    uncontrolled: int
+    detectable_px: float
+
+
+class _File(OpenSheet):
+    method: str
+    interior: dict[str, Any]
+    station_names: tuple[str, ...]
+    stations: list[_Pose]
+    board_names: tuple[str, ...]
+    boards: list[_Pose]
+    scale: Positive
+    labels: tuple[str, ...]
+    sigma0: float
+    freedom: int
+    reprojection_rms_px: float
+    used: Count
+    rejected: tuple[_Rejected, ...] = ()
+    graph: tuple[tuple[str, str, int], ...] = ()
+    notes: tuple[str, ...] = ()
+    joints: tuple[_Joint, ...] = ()
+    board_quality: tuple[_BoardQuality, ...] = ()
+    test: _Test | None = None
+
+    @field_validator("test", mode="before")
+    @classmethod
+    def _none_for_empty(cls, value: Any) -> Any:
+        return value or None
+
+
+def _names_fit(found: Calibration) -> None:
+    """Refuse names of unknowns, joints and edges that the calibration does not have."""
+    unique(found.station_names, "station")
+    unique(found.board_names, "board")
+    unique(found.labels, "unknown")
+    owners = {
+        "station": set(found.station_names), "board": set(found.board_names), "point": set(map(str, found.point_code)),
+    }  # fmt: skip
+    for label in found.labels:
+        kind, colon, rest = label.partition(":")
+        if colon and kind in owners and rest.rpartition(".")[0] not in owners[kind]:
+            raise ValueError(f"the unknown '{label}' belongs to no {kind} of this calibration")
+    for name in found.station_names:
+        has = [f"station:{name}.{axis}" in found.labels for axis in AXES]
+        if any(has) and not all(has):
+            raise ValueError(f"unknowns of station '{name}' are missing")
 
 
 def point_label(code: int) -> str:
@@ -114,5 +227,8 @@ def _poses_json(poses: Poses) -> list[dict]:
     return [{"R": R.tolist(), "t_mm": t.tolist()} for R, t in zip(poses.R, poses.t_mm, strict=True)]
 
 
-def _poses(data: list[dict]) -> Poses:
-    return Poses(np.array([p["R"] for p in data]).reshape(-1, 3, 3), np.array([p["t_mm"] for p in data]).reshape(-1, 3))
+def _poses(data: list[_Pose], name: str, count: int) -> Poses:
+    R = array([p.R for p in data], f"{name}, R", count, 3, 3)
+    if np.abs(R @ np.swapaxes(R, 1, 2) - np.eye(3)).max(initial=0) > 1e-6:
+        raise ValueError(f"{name}, R is no rotation")
+    return Poses(R, array([p.t_mm for p in data], f"{name}, t_mm", count, 3))

@@ -4,11 +4,15 @@ import errno
 import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Annotated, Literal
 
 import cv2
 import numpy as np
+from pydantic import Field
 
-from testfield.errors import TestfieldError
+from testfield.errors import TestfieldError, speaking
+from testfield.store.sheets import FORMAT, Positive, Sheet, Size, checked, read_json
+from testfield.store.text import write_text
 
 
 @dataclass(frozen=True)
@@ -70,28 +74,55 @@ class Frame:
         if not done:
             raise TestfieldError("the image could not be encoded as PNG", str(path))
         path.write_bytes(data.tobytes())
-        path.with_suffix(".json").write_text(json.dumps({"station": self.station, **asdict(self.sheet)}, indent=1))
+        write_text(
+            path.with_suffix(".json"),
+            json.dumps({"format": FORMAT, "station": self.station, **asdict(self.sheet)}, indent=1),
+        )
 
     @staticmethod
-    def load(path: Path) -> "Frame":
-        """Read what `save` wrote. Raises `TestfieldError` where the file is no readable image."""
+    def load(path: Path, station: str | None = None) -> "Frame":
+        """Read what `save` wrote. Raises `TestfieldError` where the file is no readable image, its sheet none of a
+        sensor, or of another `station` than is asked for."""
         data = np.frombuffer(path.read_bytes(), np.uint8)
-        pixels = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if data.size else None
+        try:
+            pixels = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if data.size else None
+        except cv2.error:  # of an image that says it is larger than any
+            pixels = None
         if pixels is None:
             raise TestfieldError("not a readable image", str(path), "expose again, or replace the file")
         if pixels.ndim != 2 or pixels.dtype.kind != "u":
             raise TestfieldError(
                 f"an image of shape {pixels.shape} and type {pixels.dtype}", str(path), "give one grey channel"
             )
-        notes = path.with_suffix(".json")
-        try:
-            sheet = json.loads(notes.read_text())
-            station, balance = sheet.pop("station"), tuple(sheet.pop("balance", (1.0,)))
-            return Frame(station, pixels, SensorSheet(**sheet, balance=balance))
-        except (ValueError, KeyError, TypeError) as error:
+        name, sheet = load_sheet(path.with_suffix(".json"))
+        if station not in (None, name):
             raise TestfieldError(
-                f"no readable sensor sheet ({error})", str(notes), "expose again, or replace it"
-            ) from error
+                f"this sheet is of station '{name}' and not of '{station}'", str(path.with_suffix(".json")),
+                "give each frame its own",
+            )  # fmt: skip
+        return Frame(name, pixels, sheet)
+
+
+class _SheetFile(Sheet):
+    station: str
+    gain_e_per_dn: Positive
+    read_noise_e: Size
+    black_level_dn: Size
+    bits: Annotated[int, Field(ge=1, le=16)]
+    full_well_e: Annotated[float, Field(gt=0)] = float("inf")
+    bayer: Literal["RGGB", "BGGR", "GRBG", "GBRG"] | None = None
+    balance: tuple[Positive, ...] = (1.0,)
+
+
+@speaking("sensor sheet")
+def load_sheet(path: Path) -> tuple[str, SensorSheet]:
+    """A frame's station and sensor sheet. Raises `TestfieldError` where the file is none."""
+    file = checked(_SheetFile, read_json(path))
+    if len(file.balance) not in (1, 4):
+        raise ValueError(f"balance: {len(file.balance)} factors instead of 1, or 4 of a mosaic")
+    if file.black_level_dn >= 2**file.bits - 1:
+        raise ValueError(f"black_level_dn: {file.black_level_dn} is not below the largest number of {file.bits} bits")
+    return file.station, SensorSheet(**file.model_dump(exclude={"station"}))
 
 
 @dataclass(frozen=True)
@@ -133,15 +164,20 @@ class Radiance:
 
     @staticmethod
     def load(path: Path) -> "Radiance":
-        """Read what `save` wrote. Raises `TestfieldError` where the file is no readable EXR."""
+        """Read what `save` wrote. Raises `TestfieldError` where the file is no readable EXR of finite radiance."""
         import OpenEXR
 
         try:
             with OpenEXR.File(str(path)) as file:
                 station, values = file.header()["station"], np.array(file.channels()["Y"].pixels)
-        except (RuntimeError, ValueError, KeyError, OSError) as error:
-            raise TestfieldError(f"not a readable radiance image ({error})", str(path), "render again") from error
+        except (RuntimeError, ValueError, LookupError, TypeError, OSError, MemoryError) as error:
+            reason = " ".join(str(error).split())[:200]
+            raise TestfieldError(f"not a readable radiance image ({reason})", str(path), "render again") from error
+        if values.ndim != 2 or values.dtype.kind != "f" or not isinstance(station, str):
+            raise TestfieldError(f"radiance of shape {values.shape}, type {values.dtype}", str(path), "render again")
+        if (values < 0).any():
+            raise TestfieldError("radiance below zero", str(path), "render again")
         try:
-            return Radiance(station, values)
+            return Radiance(station, values.astype(np.float32))
         except TestfieldError as error:
             raise TestfieldError(f"{error.where}: {error.what}", str(path), "render again") from None

@@ -6,7 +6,9 @@ import numpy as np
 
 from testfield.camera import smooth_field
 from testfield.camera.lens import MODELS, LensModel
+from testfield.store.sheets import array
 
+LARGEST_PX = 100_000
 PINHOLE = ("fx", "fy", "cx", "cy")
 """The four parameters in px that every model begins with."""
 MODE = "field:"
@@ -121,10 +123,19 @@ class Interior:
 
     @staticmethod
     def from_json(data: dict) -> "Interior":
-        """Inverse of `to_json`."""
-        field, modes = (np.array(data[name]) if name in data else None for name in ("residual_px", "modes_px"))
-        blank = Interior(data["width_px"], data["height_px"], np.zeros(0), data["model"], field, modes)
-        return blank.with_parameters(np.array([data[name] for name in blank.names]))
+        """Inverse of `to_json`. Raises `ValueError` or `KeyError` where the table is no camera."""
+        if data["model"] not in MODELS:
+            raise ValueError(f"the lens model '{data['model']}' is none of {', '.join(MODELS)}")
+        size = array([data["width_px"], data["height_px"]], "interior, width_px and height_px", 2, kind=int)
+        if size.min() < 1 or size.max() > LARGEST_PX:
+            raise ValueError(f"interior: sizes are from 1 to {LARGEST_PX} px")
+        field = array(data["residual_px"], "interior, residual_px", 2, None, None) if "residual_px" in data else None
+        modes = np.array(data["modes_px"], float) if "modes_px" in data else None
+        blank = Interior(int(size[0]), int(size[1]), np.zeros(0), data["model"], field, modes)
+        parameters = array([data[name] for name in blank.names], "interior", len(blank.names))
+        if min(parameters[:2]) <= 0 or not (modes is None or np.isfinite(modes).all()):
+            raise ValueError("interior: focal lengths are above zero, and all of it is finite")
+        return blank.with_parameters(parameters)
 
 
 def parameter_names(model: str) -> tuple[str, ...]:

@@ -11,8 +11,10 @@ from typing import Any
 from testfield import __version__
 from testfield.certify.verdict import Verdict
 from testfield.chain.code import PACKAGES, code_digest, package_version
+from testfield.errors import DAMAGE
 from testfield.scene.build import build_world
 from testfield.scene.load import load_scene
+from testfield.store.text import read_text, write_text
 
 PARTS = ("geometry", "light", "lens", "focus", "sensor", "sameness")
 
@@ -79,14 +81,14 @@ def write_certificate(certificate: dict[str, Any], folder: Path) -> None:
     """Write `certificate.json` and `certificate.html`."""
     from jinja2 import Environment, StrictUndefined
 
-    from testfield.chain.files import whole
+    from testfield.store.atomic import whole
 
     with whole(folder / "certificate.json") as path:
-        path.write_text(json.dumps(certificate, indent=1))
+        write_text(path, json.dumps(certificate, indent=1))
     environment = Environment(undefined=StrictUndefined, autoescape=True, trim_blocks=True, lstrip_blocks=True)
-    template = Path(__file__).with_name("certificate.html").read_text()
+    template = read_text(Path(__file__).with_name("certificate.html"))
     with whole(folder / "certificate.html") as path:
-        path.write_text(environment.from_string(template).render(c=certificate))
+        write_text(path, environment.from_string(template).render(c=certificate))
 
 
 def floor_of(folder: Path) -> dict[str, Any] | None:
@@ -96,8 +98,11 @@ def floor_of(folder: Path) -> dict[str, Any] | None:
     """
     path = folder.parent / "certificate.json"
     try:
-        certificate = json.loads(path.read_text())
-        figures = {f"{v['part']}: {v['name']}": v for v in certificate["verdicts"]}
+        certificate = json.loads(read_text(path))
+        figures = {
+            f"{v['part']}: {v['name']}": {k: float(v[k]) for k in ("measured", "limit")} | {"unit": str(v["unit"])}
+            for v in certificate["verdicts"]
+        }
         return {
             "made": certificate["made"],
             "passed": certificate["passed"],
@@ -105,9 +110,9 @@ def floor_of(folder: Path) -> dict[str, Any] | None:
             "valid": certificate["code"] == renderer_digest(),
             "figures": figures,
             "centre_floor_px": max(
-                (v["measured"] for v in certificate["verdicts"] if v["unit"] == "px" and "rms" in v["name"]),
+                (v["measured"] for name, v in figures.items() if v["unit"] == "px" and "rms" in name),
                 default=None,
             ),
         }
-    except (OSError, ValueError, KeyError, TypeError):
+    except DAMAGE:
         return None

@@ -12,6 +12,8 @@ from testfield.certify.verdict import Verdict
 _RENDER = """
 import hashlib, sys
 from pathlib import Path
+from testfield.store.pool import end_with_parent
+end_with_parent()
 from testfield.render.variant import mitsuba
 mitsuba()
 import drjit as dr
@@ -24,6 +26,14 @@ from testfield.scene.load import load_scene
 stage = build_stage(build_world(load_scene(Path(sys.argv[1]))))
 light = compute_irradiance(stage, 120.0, 256, 1, lambda _: None)
 print(hashlib.sha256(light.values.tobytes() + render_fast(stage, light, 0, 2).values.tobytes()).hexdigest())
+"""
+
+_RUN = """
+import sys
+from testfield.store.pool import end_with_parent
+end_with_parent()
+from testfield.cli.main import main
+sys.exit(main(sys.argv[1:]))
 """
 
 
@@ -52,7 +62,7 @@ def _resumed(scene: Path) -> Verdict:
     """A run whose frames and two views were lost must make the same bytes again."""
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place) / "run"
-        command = [sys.executable, "-m", "testfield", "run", str(scene), "--out", str(folder)]
+        command = [sys.executable, "-c", _RUN, "run", str(scene), "--out", str(folder)]
         subprocess.run(command, check=True, capture_output=True)
         before = _digests(folder)
         for path in [*sorted(folder.glob("radiance/*.exr"))[:2], *folder.glob("frames/*.png")]:

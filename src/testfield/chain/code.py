@@ -8,6 +8,8 @@ from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from pathlib import Path
 
+from testfield.store.text import read_text
+
 PACKAGES = ("mitsuba", "drjit", "numpy", "scipy", "opencv-python-headless", "pyarrow", "OpenEXR", "trimesh", "embreex")
 ROOT = Path(__file__).parents[1]
 
@@ -56,7 +58,7 @@ def sources(modules: tuple[str, ...], without: tuple[str, ...] = ()) -> set[Path
 def imports(path: Path) -> set[str]:
     """Full names of everything a file imports, wherever in it; `from a import b` gives both `a` and `a.b`."""
     names: set[str] = set()
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in ast.walk(ast.parse(read_text(path))):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):

@@ -1,19 +1,19 @@
 """A run: its folder, its scene, its truth, and what the stages need to know of it."""
 
-import json
 import platform
-import re
 import shutil
 import sys
+import tomllib
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from inspect import signature
 from pathlib import Path
+
+import tomli_w
 
 from testfield import __version__
 from testfield.camera.lens import MODELS
 from testfield.chain.code import PACKAGES, code_digest, package_version
-from testfield.chain.files import Ledger, digest, whole
 from testfield.errors import TestfieldError
 from testfield.registry import STAGES, find, names
 from testfield.scene import meshes, sky
@@ -23,6 +23,11 @@ from testfield.scene.load import load_scene, parse_scene
 from testfield.scene.schema import MapPart, SceneFile
 from testfield.scene.truth import Views, see
 from testfield.scene.world import World
+from testfield.score.scorecard import load_scorecard
+from testfield.store.atomic import sweep
+from testfield.store.digests import digest, file_digest
+from testfield.store.ledger import Ledger, inside
+from testfield.store.text import decoded
 from testfield.targets.field import Field
 
 
@@ -61,12 +66,13 @@ class Run:
 
     def measuring_notes(self) -> list[str]:
         """What the calibration left out or doubts, from the scorecard."""
-        card = json.loads(self.need("scorecard.json", "score").read_text())
+        card = load_scorecard(self.need("scorecard.json", "score"))
         return [f"{self.scene.name}: {note}" for note in card["calibration"]["notes"]]
 
     def need(self, name: str, maker: str) -> Path:
         """The path of a file that must be there; `maker` is the command that makes it."""
         path = self.folder / name
+        inside(self.folder, path)
         if not path.is_file():
             raise TestfieldError("this file is missing", str(path), _advice(maker, self.folder))
         return path
@@ -77,28 +83,40 @@ def begin(scene_path: Path, out: Path | None, seed: int | None, jobs: int) -> tu
 
     Nothing that an earlier run made is touched before the scene has passed every check.
     """
+    run, content, warnings = checked(scene_path, out, seed, jobs)
+    lay_out(run, content, warnings)
+    return run, warnings
+
+
+def checked(scene_path: Path, out: Path | None, seed: int | None, jobs: int) -> tuple[Run, bytes, list[str]]:
+    """A run whose scene has passed every check, the bytes of its scene file, and the scene's warnings."""
     load_scene(scene_path)
-    text = scene_path.read_text(encoding="utf-8-sig")
-    text = text if seed is None else with_seed(text, seed)
-    scene = parse_scene(text, str(scene_path), scene_path.parent)
+    content = scene_path.read_bytes()
+    if seed is not None:
+        content = with_seed(decoded(content), seed).encode()
+    scene = parse_scene(content, str(scene_path), scene_path.parent)
     folder = out or Path("renders") / scene.name
     run = Run(folder, scene, str(scene_path), Ledger(folder), jobs)
     check_algorithms(scene, str(scene_path))
-    warnings = check_scene(scene, run.world, run.views, str(scene_path))
+    return run, content, check_scene(scene, run.world, run.views, str(scene_path))
+
+
+def lay_out(run: Run, content: bytes, warnings: list[str]) -> None:
+    """Make a run's folder, with its scene file of this content, the files it names, and the field sheet.
+
+    Raises `TestfieldError` where the folder holds another scene that somebody has changed there.
+    """
+    folder, scene = run.folder, run.scene
     folder.mkdir(parents=True, exist_ok=True)
-    for place in ("", "truth", "radiance", "frames"):
-        for leftover in (folder / place).glob(".*.part[0-9]*"):  # of a run that was killed while it wrote
-            leftover.unlink(missing_ok=True)
-    with whole(folder / "scene.toml") as path:
-        path.write_text(text)
+    sweep(folder)
+    run.ledger = Ledger(folder)  # another process may have written since the scene was read
+    run.ledger.make("scene.toml", digest(content), lambda path: _write(path, content))
     named = [(meshes.mesh_path(part, scene.folder), meshes.copy_name(part)) for part in scene.meshes]
     if isinstance(around := scene.room.environment, MapPart):
         named.append((sky.map_path(around, scene.folder), sky.copy_name(around)))
     for source, name in named:  # so that the folder needs nothing outside it
-        copy = folder / name
-        if source.resolve() != copy.resolve():
-            with whole(copy) as path:
-                shutil.copyfile(source, path)
+        if source.resolve() != (folder / name).resolve():
+            run.ledger.make(name, file_digest(source), partial(shutil.copyfile, source))
     run.ledger.make("field.json", field_key(run.world.field), run.world.field.save)
     run.ledger.note(
         scene=scene.name, seed=scene.seed, command=" ".join(["testfield", *sys.argv[1:]]),
@@ -107,7 +125,10 @@ def begin(scene_path: Path, out: Path | None, seed: int | None, jobs: int) -> tu
         machine=f"{platform.system()} {platform.machine()}, {platform.processor() or 'processor not named'}",
         warnings=warnings,
     )  # fmt: skip
-    return run, warnings
+
+
+def _write(path: Path, content: bytes) -> None:
+    path.write_bytes(content)
 
 
 def check_algorithms(scene: SceneFile, source: str) -> None:
@@ -151,17 +172,23 @@ def field_key(field: Field) -> str:
     return digest(field, code_digest("testfield.targets.field"))
 
 
-def resume(folder: Path, jobs: int) -> Run:
-    """The run in a folder that `testfield run` or a person laid out."""
+def scene_of(folder: Path) -> Path:
+    """A run's scene file. Raises `TestfieldError` where the folder is none of a run."""
     path = folder / "scene.toml"
     if not path.is_file():
         raise TestfieldError(
             "no scene.toml here, so this is no run's folder", str(folder), "begin with `testfield run SCENE`"
         )
+    return path
+
+
+def resume(folder: Path, jobs: int) -> Run:
+    """The run in a folder that `testfield run` or a person laid out."""
+    path = scene_of(folder)
     run = Run(folder, load_scene(path), str(path), Ledger(folder), jobs)
     check_algorithms(run.scene, str(path))
-    known = run.ledger.files.get("field.json", {}).get("key")
-    if known and known != field_key(run.world.field):
+    known = run.ledger.files.get("field.json")
+    if known is not None and known.key != field_key(run.world.field):
         raise TestfieldError(
             "the scene has changed since its field sheet (field.json) was written", str(path), _advice("run", folder)
         )
@@ -169,13 +196,8 @@ def resume(folder: Path, jobs: int) -> Run:
 
 
 def with_seed(text: str, seed: int) -> str:
-    """A scene file's text with another seed."""
-    head, table, tail = text.partition("\n[")
-    if re.search(r"(?m)^seed\s*=", head):
-        head = re.sub(r"(?m)^seed\s*=.*$", f"seed = {seed}", head)
-    else:
-        head = f"seed = {seed}\n{head}"
-    return head + table + tail
+    """A scene file's text with another seed. Comments are lost: the text is that of the changed document."""
+    return tomli_w.dumps(tomllib.loads(text) | {"seed": seed})
 
 
 def _advice(maker: str, folder: Path) -> str:

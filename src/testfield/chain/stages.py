@@ -1,22 +1,22 @@
 """The stages in order. Each keeps what it made as long as everything it was made from is the same."""
 
-import multiprocessing
 import os
-import signal
 import time
 from collections.abc import Callable, Iterable
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from testfield.chain.belongs import check_truth, exposed_world, rendered_world, world_of
 from testfield.chain.code import code_digest
-from testfield.chain.files import digest, file_digest
 from testfield.chain.progress import bar
 from testfield.chain.run import Run
 from testfield.errors import TestfieldError
 from testfield.registry import module_of
 from testfield.seeds import seed_of
+from testfield.store.digests import digest, file_digest
+from testfield.store.pool import process_pool
+from testfield.store.threads import one_blas_thread
 
 Made = tuple[int, int]
 """How many of a stage's items were made, and how many there are."""
@@ -46,7 +46,10 @@ def render(run: Run) -> Made:
             else (surroundings, settings.samples, world.seed)
         )
         keys[name] = digest(code, device, settings.mode, view, how)
+    shown = rendered_world(run.scene)
     stale = [k for k, name in enumerate(run.stations) if not run.ledger.fresh(f"radiance/{name}.exr", keys[name])]
+    for name in {name for k, name in enumerate(run.stations) if k not in stale}:
+        run.ledger.shows(f"radiance/{name}.exr", shown)
     if not stale:
         return 0, len(keys)
 
@@ -78,43 +81,73 @@ def render(run: Run) -> Made:
                 )  # fmt: skip
             else:
                 image, making = render_reference(stage, k, settings.samples, seed, move)
-            run.ledger.make(f"radiance/{name}.exr", keys[name], image.save)
+            run.ledger.make(f"radiance/{name}.exr", keys[name], image.save, world=shown)
             run.ledger.note(images=run.ledger.notes.get("images", {}) | {name: asdict(making)})
     return len(stale), len(keys)
 
 
 def expose(run: Run) -> Made:
-    """A digital frame of every station."""
+    """A digital frame of every station. Raises `TestfieldError` where somebody has put one of their own."""
     from testfield.scene.exposure import sensor_of
 
     scene = run.scene
     sensor = sensor_of(scene)
     code = code_digest("testfield.sensor.expose")
+    size = (scene.camera.height_px, scene.camera.width_px)
+    refuse_frames_of_others(run)
     work = []
     for name in run.stations:
         source = run.need(f"radiance/{name}.exr", "render")
         key = digest(code, file_digest(source), sensor, scene.seed, name)
-        target = f"frames/{name}.png"
-        if not (run.ledger.fresh(target, key) and run.ledger.fresh(f"frames/{name}.json", key)):
-            run.ledger.keep_foreign(target)
-            work.append((source, run.folder / target, sensor, scene.seed, target, key))
-    for target, key in _each(run, "expose", _expose_one, work, "frames"):
-        run.ledger.enter(target, key)
-        run.ledger.enter(str(Path(target).with_suffix(".json")), key)
+        pair = frame_names(name)
+        rendered = world_of(run, [f"radiance/{name}.exr"])
+        world = exposed_world(scene, rendered) if rendered else ""
+        if all(run.ledger.fresh(file, key) for file in pair):
+            for file in pair:
+                run.ledger.shows(file, world)
+        else:
+            work.append((source, run.folder / pair[0], size, sensor, scene.seed, pair, key, world))
+    for parts, key, world in _each(run, "expose", _expose_one, work, "frames"):
+        run.ledger.place(parts, key, world=world)
     return len(work), len(run.stations)
 
 
-def _expose_one(work: tuple) -> tuple[str, str]:
+def frame_names(station: str) -> tuple[str, str]:
+    """A station's image in a run's folder, and its sensor's sheet."""
+    return f"frames/{station}.png", f"frames/{station}.json"
+
+
+def frames_of_others(run: Run) -> list[str]:
+    """Images and sensor sheets in frames/ that are sound and were not made by this run."""
+    return [file for name in run.stations for file in frame_names(name) if run.ledger.foreign(file)]
+
+
+def refuse_frames_of_others(run: Run) -> None:
+    """Raise `TestfieldError` where a frame of somebody's own lies in the place of one that would be made."""
+    for file in frames_of_others(run):
+        raise TestfieldError(
+            "this file was not made by the run, or was changed since", str(run.folder / file),
+            f"`testfield detect {run.folder}` and the stages after it use it; for a rendered one move it away",
+        )  # fmt: skip
+
+
+def _expose_one(work: tuple) -> tuple[dict[str, Path], str, str]:
+    """Write a frame's two parts; only the process that keeps the ledger puts them in their places."""
     import testfield.sensor.expose as sensor_room
     from testfield.camera.images import Radiance
-    from testfield.chain.files import whole
+    from testfield.store.atomic import part_path
 
-    source, target, sensor, seed, name, key = work
-    frame = sensor_room.expose(Radiance.load(source), sensor, seed)
-    with whole(target) as path:
-        frame.save(path)
-        path.with_suffix(".json").replace(target.with_suffix(".json"))
-    return name, key
+    source, target, size, sensor, seed, (image, sheet), key, world = work
+    part = part_path(target)
+    part.parent.mkdir(parents=True, exist_ok=True)
+    radiance = Radiance.load(source)
+    if (radiance.station, radiance.values.shape) != (source.stem, size):
+        raise TestfieldError(
+            f"an image of '{radiance.station}' of {radiance.values.shape[1]} x {radiance.values.shape[0]} px, and "
+            f"'{source.stem}' of {size[1]} x {size[0]} px is wanted", str(source), "render again",
+        )  # fmt: skip
+    sensor_room.expose(radiance, sensor, seed).save(part)
+    return {image: part, sheet: part.with_suffix(".json")}, key, world
 
 
 def detect(run: Run) -> Made:
@@ -129,21 +162,23 @@ def detect(run: Run) -> Made:
     code = code_digest("testfield.detect.detect", *sorted(modules))
     settings = (measure.centroid, measure.smallest_diameter_px)
     key = digest(code, [file_digest(path) for path in sources + sheets], run.field, settings)
+    world = world_of(run, [f"frames/{name}.png" for name in run.stations])
     if run.ledger.fresh("observations.parquet", key):
+        run.ledger.shows("observations.parquet", world)
         return 0, 1
     size = (camera.width_px, camera.height_px)
-    work = [(source, run.field, *settings, size) for source in sources]
+    work = [(source, name, run.field, *settings, size) for source, name in zip(sources, run.stations, strict=True)]
     parts = list(_each(run, "detect", _detect_one, work, "frames"))
     observations = Observations.join(parts, run.stations)
-    return int(run.ledger.make("observations.parquet", key, observations.save)), 1
+    return int(run.ledger.make("observations.parquet", key, observations.save, world=world)), 1
 
 
 def _detect_one(work: tuple) -> Any:
     from testfield.camera.images import Frame
     from testfield.detect.detect import detect as detect_frame
 
-    source, field, centroid, smallest, (width, height) = work
-    frame = Frame.load(source)
+    source, name, field, centroid, smallest, (width, height) = work
+    frame = Frame.load(source, name)
     if frame.pixels_dn.shape != (height, width):
         found = f"{frame.pixels_dn.shape[1]} x {frame.pixels_dn.shape[0]}"
         raise TestfieldError(
@@ -169,7 +204,8 @@ def calibrate(run: Run) -> Made:
         observations = Observations.load(source, run.field, size)
         find("calibrators", method)(observations, run.field, *size, lens, hold, **options).save(path)
 
-    return int(run.ledger.make("calibration.json", key, write, [source])), 1
+    world = world_of(run, ["observations.parquet"])
+    return int(run.ledger.make("calibration.json", key, write, [source], world)), 1
 
 
 def reconstruct(run: Run) -> Made:
@@ -188,7 +224,8 @@ def reconstruct(run: Run) -> Made:
         size = (camera.interior.width_px, camera.interior.height_px)
         find("reconstructors", method)(Observations.load(observations, run.field, size), camera, run.field).save(path)
 
-    return int(run.ledger.make("points.parquet", key, write, [observations, calibration])), 1
+    world = world_of(run, ["observations.parquet", "calibration.json"])
+    return int(run.ledger.make("points.parquet", key, write, [observations, calibration], world)), 1
 
 
 def score(run: Run) -> Made:
@@ -196,6 +233,7 @@ def score(run: Run) -> Made:
     from testfield.chain.truth_files import write_truth
     from testfield.score.scorecard import scorecard, write_scorecard
 
+    check_truth(run)
     inputs = [run.need(name, maker) for name, maker in MEASURED]
     write_truth(run)
     times = {
@@ -214,6 +252,7 @@ def report(run: Run) -> Made:
     """The page for people."""
     from testfield.report.page import write_report
 
+    check_truth(run)
     inputs = [run.need(name, maker) for name, maker in MEASURED] + [run.need("scorecard.json", "score")]
     frames = [run.need(f"frames/{name}.png", "expose") for name in run.stations]
     code = code_digest("testfield.report.page", "testfield.scene.build", "testfield.scene.truth")
@@ -249,7 +288,8 @@ def run_stage(run: Run, name: str) -> bool:
     that of the part in proportion.
     """
     start = time.perf_counter()
-    made, whole = STAGES[name](run)
+    with one_blas_thread():
+        made, whole = STAGES[name](run)
     seconds = time.perf_counter() - start
     times = run.ledger.notes.get("time_s", {})
     if made == whole or (made and name not in times):
@@ -257,12 +297,18 @@ def run_stage(run: Run, name: str) -> bool:
     return made > 0
 
 
+def remarks(run: Run) -> list[str]:
+    """What a reader of a run's results should know of its files, one sentence each."""
+    own = [f"{file} was not made by this run and is used as it is" for file in frames_of_others(run)]
+    return own + stale_inputs(run)
+
+
 def stale_inputs(run: Run) -> list[str]:
     """Files of a run that were made from another version of what lies beside them now, one sentence each."""
     sentences = []
     for name, maker in (*MEASURED[1:], ("scorecard.json", "score")):
         entry = run.ledger.files.get(name)
-        for source, sha in (entry or {}).get("inputs", {}).items():
+        for source, sha in (entry.inputs if entry else {}).items():
             path = run.folder / source
             if path.is_file() and file_digest(path) != sha:
                 sentences.append(
@@ -279,15 +325,7 @@ def _each(run: Run, title: str, function: Callable, work: list, unit: str) -> It
                 yield function(item)
                 move(1)
             return
-        # Spawned, not forked: the renderer's threads do not survive a fork.
-        # An interrupt is the parent's to handle; workers would only add their own complaints.
-        quiet = (signal.SIGINT, signal.SIG_IGN)
-        context = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(run.jobs, context, initializer=signal.signal, initargs=quiet) as pool:
-            try:
-                for result in pool.map(function, work):
-                    yield result
-                    move(1)
-            except BaseException:
-                pool.shutdown(wait=False, cancel_futures=True)
-                raise
+        with process_pool(run.jobs) as pool:
+            for result in pool.map(function, work):
+                yield result
+                move(1)

@@ -14,13 +14,14 @@ import numpy as np
 
 from testfield.calibrate.calibration import Calibration
 from testfield.chain.code import code_digest
-from testfield.chain.files import digest, file_digest
 from testfield.chain.run import Run
 from testfield.detect.observations import Observations
 from testfield.errors import TestfieldError
 from testfield.reconstruct.points import Points
 from testfield.registry import find, module_of
 from testfield.seeds import seed_of
+from testfield.store.digests import digest, file_digest
+from testfield.store.threads import one_blas_thread
 
 DEPTHS = ("rays", "calibration", "exposure")
 BLOCK = 10_000
@@ -104,7 +105,8 @@ class Trials:
         return self._kept(f"uncertainty/{self.depth}/{number:04d}.npy", write)
 
     def _kept(self, name: str, write: Callable[[Path], None]) -> np.ndarray:
-        self.run.ledger.make(name, self.key, write)
+        with one_blas_thread():
+            self.run.ledger.make(name, self.key, write)
         return self.points.xyz_mm + np.load(self.run.folder / name)
 
     def _again(self, number: int) -> Points:

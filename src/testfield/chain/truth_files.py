@@ -6,9 +6,10 @@ from pathlib import Path
 import numpy as np
 
 from testfield.chain.code import code_digest
-from testfield.chain.files import digest
 from testfield.chain.run import Run
 from testfield.scene.world import ROLES
+from testfield.store.digests import digest
+from testfield.store.text import write_text
 
 
 def write_truth(run: Run) -> None:
@@ -68,4 +69,4 @@ def _camera(run: Run, path: Path) -> None:
         for sheet, R, t in zip(world.field.boards, world.world_from_board.R, world.world_from_board.t_mm, strict=True)
     }
     data = {"interior": world.interior.to_json(), "camera_from_world": poses, "world_from_board": boards}
-    path.write_text(json.dumps(data, indent=1))
+    write_text(path, json.dumps(data, indent=1))

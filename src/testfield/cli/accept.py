@@ -21,35 +21,51 @@ def add(commands: Any) -> None:
 
 
 def act(args: argparse.Namespace) -> int:
-    """Judge the run, print the table, and write `accept.html` into the run's folder."""
+    """Judge the run, print the verdict and the table, and write `accept.html` into the run's folder.
+
+    The exit status is 1 where a limit was given and the run does not pass: it failed, or lengths are missing.
+    """
+    from testfield.chain.run import scene_of
+    from testfield.store.lock import only_writer
+    from testfield.store.threads import one_blas_thread
+
+    asked = _limit(args)
+    scene_of(args.run)
+    with only_writer(args.run), one_blas_thread():
+        return _judge(args, asked)
+
+
+def _judge(args: argparse.Namespace, asked: tuple[float, ...] | None) -> int:
     import json
 
     from testfield.calibrate.calibration import Calibration
-    from testfield.chain.files import disk_errors, whole
+    from testfield.chain.belongs import check_truth
     from testfield.chain.run import resume
-    from testfield.chain.stages import stale_inputs
+    from testfield.chain.stages import remarks
     from testfield.cli.show import show_warnings
     from testfield.reconstruct.points import Points
     from testfield.report.accept import accept_page
     from testfield.score.acceptance import acceptance
     from testfield.score.length_test import Limit, limit_of
     from testfield.score.scorecard import plain
+    from testfield.store.digests import digest
+    from testfield.store.text import write_text
 
-    asked = _limit(args)
     run = resume(args.run, 1)
+    check_truth(run)
     calibration = Calibration.load(run.need("calibration.json", "calibrate"))
     points = Points.load(run.need("points.parquet", "reconstruct"))
     card, lengths = acceptance(run.scene, run.world, calibration, points, None if asked is None else Limit(*asked))
     limit = None if card["verdict"] is None else limit_of(card["verdict"])
-    warnings = stale_inputs(run)
-    with disk_errors(args.run), whole(args.run / "accept.html") as path:
-        path.write_text(accept_page(run.world, card, lengths, limit, warnings))
+    warnings = remarks(run)
+    html = accept_page(run.world, card, lengths, limit, warnings)
+    run.ledger.make("accept.html", digest(html), lambda path: write_text(path, html))
     show_warnings(warnings)
     if args.json:
         print(json.dumps(plain(card), allow_nan=False))
     else:
         _show(card, args.run / "accept.html")
-    return 0
+    return 0 if card["verdict"] is None or card["verdict"]["verdict"] == "passed" else 1
 
 
 def _limit(args: argparse.Namespace) -> tuple[float, ...] | None:
@@ -72,6 +88,7 @@ def _show(card: dict[str, Any], page: Path) -> None:
 
     from testfield.report.accept import sentence
 
+    print(f"{textwrap.fill(f'{sentence(card)} Computed as in VDI/VDE 2634 part 1.', 110)}\n")
     rows, verdict, found = card["rows"], card["verdict"], card["lengths"]
     shown = sorted(rows, key=lambda row: -abs(row["dl_mm"]))[:MOST_ROWS] if len(rows) > MOST_ROWS else rows
     width = max(len(row["line"]) for row in shown)
@@ -95,8 +112,7 @@ def _show(card: dict[str, Any], page: Path) -> None:
         print(
             f"  {row['what'] + ': ' + row['found']:<52}  {'met' if row['met'] else 'NOT met, asked: ' + row['asked']}"
         )
-    said = f"Computed as in VDI/VDE 2634 part 1. {sentence(card)}"
-    print(f"\n{textwrap.fill(said, 110)}\n\n  page  {page}")
+    print(f"\n  page  {page}")
 
 
 def _figures(card: dict[str, Any]) -> list[tuple[str, str]]:

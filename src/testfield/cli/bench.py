@@ -5,6 +5,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from testfield.store.text import read_text
+
 
 def add(commands: Any) -> None:
     """Enter the command."""
@@ -51,13 +53,13 @@ def _detect(args: argparse.Namespace) -> int:
     from testfield.bench.detect import bench_detect
     from testfield.bench.detect_page import write_page
     from testfield.bench.detect_speed import bench_speed
-    from testfield.chain.files import disk_errors
+    from testfield.store.lock import only_writer
 
     def tell(what: str) -> None:  # also into a file: this one takes long
         print(f"bench: {what}", file=sys.stderr, flush=True)
 
     figures: dict[str, Any] = {}
-    with disk_errors(args.out):
+    with only_writer(args.out):
         if args.only != "speed":
             figures |= bench_detect(args.quick, args.out, tell)
         if args.only != "series":
@@ -186,15 +188,19 @@ def _claims(args: argparse.Namespace) -> int:
     import json
 
     from testfield.bench.claims import GROUPS, over_exposures, over_worlds
-    from testfield.chain.files import disk_errors
-    from testfield.chain.run import resume
+    from testfield.chain.belongs import check_truth
+    from testfield.chain.run import resume, scene_of
     from testfield.errors import TestfieldError
+    from testfield.store.lock import only_writer
 
     if args.trials < 2:
         raise TestfieldError(f"value {args.trials} is too few", "--trials", "give 2 or more")
     if args.run is not None:
-        with disk_errors(args.run):
-            figures = over_exposures(resume(args.run, 1), args.trials, _tell)
+        scene_of(args.run)
+        with only_writer(args.run):
+            run = resume(args.run, 1)
+            check_truth(run)
+            figures = over_exposures(run, args.trials, _tell)
     else:
         scene = args.scene or Path("scenes/quick.toml")
         figures = over_worlds(_text(scene), scene, args.trials, _tell)
@@ -216,4 +222,4 @@ def _text(scene: Path) -> str:
     from testfield.scene.load import load_scene
 
     load_scene(scene)  # speaks where the file is none
-    return scene.read_text(encoding="utf-8-sig")
+    return read_text(scene)

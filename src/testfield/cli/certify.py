@@ -28,7 +28,7 @@ def act(args: argparse.Namespace) -> int:
 
     from testfield.certify.certificate import certify, write_certificate
     from testfield.certify.verdict import Verdict
-    from testfield.chain.files import disk_errors
+    from testfield.store.lock import only_writer
 
     def tell(verdict: Verdict) -> None:
         mark = "pass" if verdict.passed else "FAIL"
@@ -39,7 +39,7 @@ def act(args: argparse.Namespace) -> int:
             flush=True,
         )
 
-    with disk_errors(args.out):
+    with only_writer(args.out):
         certificate = certify(args.scene, args.quick, tell)
         write_certificate(certificate, args.out)
     if args.json:

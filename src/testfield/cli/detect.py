@@ -5,6 +5,8 @@ import os
 from pathlib import Path
 from typing import Any
 
+from testfield.store.text import read_text
+
 OF_RUNS = ("jobs",)
 OF_PHOTOGRAPHS = ("radii", "polarity", "bayer", "smallest_px", "out", "json")
 OF_KINDS = {
@@ -52,6 +54,7 @@ def act(args: argparse.Namespace) -> int:
     """A run's stage without --target, photographs with it."""
     from testfield.cli import stage
     from testfield.errors import TestfieldError
+    from testfield.store.lock import only_writer
 
     if args.target is None:
         if len(args.what) > 1 or args.what[0].is_file():
@@ -59,7 +62,8 @@ def act(args: argparse.Namespace) -> int:
         _refuse(args, "a run, whose scene says it: without --target", OF_PHOTOGRAPHS)
         args.run, args.stage, args.jobs = args.what[0], "detect", args.jobs or os.cpu_count() or 1
         return stage.act(args)
-    return _photographs(args)
+    with only_writer(args.out or Path("renders/detect")):
+        return _photographs(args)
 
 
 def _refuse(args: argparse.Namespace, what: str, options: tuple[str, ...]) -> None:
@@ -79,7 +83,6 @@ def _photographs(args: argparse.Namespace) -> int:
 
     from testfield.camera.mosaic import ORDERS
     from testfield.camera.photograph import Photograph, read_photograph
-    from testfield.chain.files import disk_errors
     from testfield.detect.photograph import AUTO, SMALLEST_PX, Found, detect_in_photograph
     from testfield.detect.target_spec import parse_target
     from testfield.errors import TestfieldError
@@ -117,20 +120,27 @@ def _photographs(args: argparse.Namespace) -> int:
             count = next(k for k in range(2, len(taken) + 3) if f"{photograph.name}-{k}" not in taken)
             photograph = replace(photograph, name=f"{photograph.name}-{count}")
         one = detect_in_photograph(photograph, target, radii, polarity, smallest_px)
-        with disk_errors(out):
-            draw_found(photograph, one, out / f"{photograph.name}.png")
+        refuse_over(args.what, out / f"{photograph.name}.png")
+        draw_found(photograph, one, out / f"{photograph.name}.png")
         # Pixels are let go: a hundred photographs need not fit into memory.
         photographs.append(replace(photograph, pixels=photograph.pixels[:1, :1]))
         found.append(one)
         print(f"{path.name}: {one.summary}", file=say)
         print(f"  {'; '.join((*photograph.notes, *one.notes))}", file=say)
     if photographs:
-        with disk_errors(out):
-            write_found(photographs, found, out)
+        write_found(photographs, found, out)
         print(f"pictures and tables in {out}", file=say)
         if args.json:
-            print(json.dumps({"images": json.loads((out / "detection.json").read_text()), "unreadable": trouble}))
+            print(json.dumps({"images": json.loads(read_text(out / "detection.json")), "unreadable": trouble}))
     return 2 if trouble else 0
+
+
+def refuse_over(what: list[Path], target: Path) -> None:
+    """Raise `TestfieldError` where a picture would be written over one of the photographs."""
+    from testfield.errors import TestfieldError
+
+    if target.exists() and any(target.samefile(path) for path in _images(what) if path.exists()):
+        raise TestfieldError("this photograph would be written over", str(target), "choose another folder with --out")
 
 
 def _images(what: list[Path]) -> list[Path]:

@@ -31,6 +31,14 @@ def add(commands: Any) -> None:
 
 def act(args: argparse.Namespace) -> int:
     """Detect, calibrate, write."""
+    from testfield.store.lock import only_writer
+    from testfield.store.threads import one_blas_thread
+
+    with only_writer(args.out or Path("renders/measure")), one_blas_thread():
+        return _measure(args)
+
+
+def _measure(args: argparse.Namespace) -> int:
     import json
     import sys
     from collections import Counter
@@ -38,9 +46,8 @@ def act(args: argparse.Namespace) -> int:
 
     from testfield.camera.mosaic import ORDERS
     from testfield.camera.photograph import read_photograph
-    from testfield.chain.files import disk_errors
     from testfield.chain.measure import measure
-    from testfield.cli.detect import _images
+    from testfield.cli.detect import _images, refuse_over
     from testfield.cli.show import status_of
     from testfield.detect.photograph import AUTO, ON_BLACK, ON_WHITE, detect_in_photograph
     from testfield.detect.target_spec import parse_target
@@ -77,8 +84,8 @@ def act(args: argparse.Namespace) -> int:
             count = next(k for k in range(2, len(names) + 3) if f"{photograph.name}-{k}" not in names)
             photograph = replace(photograph, name=f"{photograph.name}-{count}")
         one = detect_in_photograph(photograph, target, field.target.radii, polarity, args.smallest_px)
-        with disk_errors(out):
-            draw_found(photograph, one, out / f"{photograph.name}.png")
+        refuse_over(args.images, out / f"{photograph.name}.png")
+        draw_found(photograph, one, out / f"{photograph.name}.png")
         print(f"{path.name}: {one.summary}", file=say)
         names.append(photograph.name)
         found.append(one)
@@ -98,8 +105,7 @@ def act(args: argparse.Namespace) -> int:
         tuple(names[k] for k in keep), [found[k] for k in keep], size, field, target, args.lens, hold, args.focal_px
     )
     result = replace(result, calibration=replace(result.calibration, notes=(*trouble, *result.calibration.notes)))
-    with disk_errors(out):
-        summary = write_measurement(result, field, out, tuple(str(p) for p in args.images))
+    summary = write_measurement(result, field, out, tuple(str(p) for p in args.images))
     for title, value in summary["figures"]:
         print(f"{title:<44}{value}", file=say)
     for note in result.calibration.notes:

@@ -20,7 +20,6 @@ def add(commands: Any) -> None:
 
 def act(args: argparse.Namespace) -> int:
     """Check the scene and draw it."""
-    from testfield.chain.files import Ledger, disk_errors, whole
     from testfield.chain.run import Run, check_algorithms
     from testfield.cli.show import show_warnings
     from testfield.errors import TestfieldError
@@ -28,6 +27,8 @@ def act(args: argparse.Namespace) -> int:
     from testfield.report.preview import draw_preview
     from testfield.scene.check import check_scene
     from testfield.scene.load import load_scene
+    from testfield.store.atomic import whole
+    from testfield.store.ledger import Ledger
 
     run = Run(Path(), load_scene(args.scene), str(args.scene), Ledger(Path("/nonexistent")))
     check_algorithms(run.scene, str(args.scene))
@@ -40,7 +41,7 @@ def act(args: argparse.Namespace) -> int:
         raise TestfieldError(f"'{out}' does not end in .png", "--out", "the preview is a PNG")
     station = run.stations.index(name)
     view = quick_view(run.world, station)
-    with disk_errors(out.parent), whole(out) as path:
+    with whole(out) as path:
         draw_preview(run.world, view, name, path)
     print(out)
     return 0

@@ -28,17 +28,19 @@ def add(commands: Any) -> None:
 
 def act(args: argparse.Namespace) -> int:
     """Run the chain; stages whose inputs have not changed are not repeated."""
-    from testfield.chain.files import disk_errors
-    from testfield.chain.run import begin
-    from testfield.chain.stages import STAGES, run_stage
+    from testfield.chain.run import checked, lay_out
+    from testfield.chain.stages import STAGES, refuse_frames_of_others, run_stage
     from testfield.cli.show import failures_in, jobs_of, show_result, show_warnings, status_of
     from testfield.errors import TestfieldError
+    from testfield.store.lock import only_writer
 
     if args.seed is not None and args.seed < 0:
         raise TestfieldError(f"value {args.seed} is negative", "--seed", "give 0 or more")
-    with disk_errors(args.out or Path("renders")):
-        run, warnings = begin(args.scene, args.out, args.seed, jobs_of(args.jobs))
+    run, content, warnings = checked(args.scene, args.out, args.seed, jobs_of(args.jobs))
+    with only_writer(run.folder):
+        lay_out(run, content, warnings)
         show_warnings(warnings)
+        refuse_frames_of_others(run)  # before anything is rendered in vain
         for name in STAGES:
             run_stage(run, name)
     show_warnings(run.measuring_notes())

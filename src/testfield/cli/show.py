@@ -16,8 +16,12 @@ def show_warnings(warnings: list[str]) -> None:
 
 def failures_in(path: Path) -> list[str]:
     """What a scorecard or a calibration calls failed; nothing of one from before there was a verdict."""
-    card = json.loads(path.read_text())
-    return list(card.get("verdict", card).get("failures", ()))
+    from testfield.errors import speaking
+    from testfield.store.sheets import read_json
+
+    card = speaking("result")(read_json)(path)
+    verdict = card.get("verdict", card)
+    return [str(failure) for failure in verdict.get("failures", ())] if isinstance(verdict, dict) else []
 
 
 def add_strict(parser: argparse.ArgumentParser) -> None:
@@ -46,13 +50,13 @@ def jobs_of(asked: int) -> int:
 
 def show_result(folder: Path, as_json: bool) -> None:
     """The ten figures and where the report is, or the scorecard as one JSON object."""
-    from testfield.score.scorecard import ten_figures
+    from testfield.score.scorecard import load_scorecard, ten_figures
 
-    text = (folder / "scorecard.json").read_text()
+    card = load_scorecard(folder / "scorecard.json")
     if as_json:
-        print(text)
+        print(json.dumps(card, indent=1, allow_nan=False))
         return
-    rows = ten_figures(json.loads(text))
+    rows = ten_figures(card)
     width = max(len(title) for title, _ in rows)
     failures = failures_in(folder / "scorecard.json")
     rows.append(("verdict", f"NOT passed: {len(failures)} failure(s)" if failures else "no failure"))

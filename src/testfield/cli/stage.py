@@ -46,15 +46,18 @@ def add(commands: Any) -> None:
 
 def act(args: argparse.Namespace) -> int:
     """Run the stage, unless what it would make is there already."""
-    from testfield.chain.files import disk_errors
-    from testfield.chain.run import resume
-    from testfield.chain.stages import run_stage, stale_inputs
+    from testfield.chain.run import resume, scene_of
+    from testfield.chain.stages import remarks, run_stage
     from testfield.cli.show import failures_in, jobs_of, show_result, show_warnings, status_of
+    from testfield.store.atomic import sweep
+    from testfield.store.lock import only_writer
 
-    with disk_errors(args.run):
+    scene_of(args.run)
+    with only_writer(args.run):
+        sweep(args.run)
         run = resume(args.run, jobs_of(args.jobs))
         made = run_stage(run, args.stage)
-        show_warnings(stale_inputs(run))
+        show_warnings(remarks(run))
     print(f"{args.stage}: {'done' if made else 'nothing to do, all is up to date'} ({args.run})")
     if args.stage == "score":
         show_result(args.run, as_json=False)

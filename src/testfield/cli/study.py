@@ -5,6 +5,8 @@ import os
 from pathlib import Path
 from typing import Any
 
+from testfield.store.text import read_text
+
 
 def add(commands: Any) -> None:
     """Enter the command."""
@@ -24,17 +26,17 @@ def act(args: argparse.Namespace) -> int:
     """Do what is missing and print the verdict."""
     import textwrap
 
-    from testfield.chain.files import disk_errors
     from testfield.cli.show import jobs_of
+    from testfield.store.lock import only_writer
     from testfield.study.studies import find_study
     from testfield.study.study import run_study
 
     study = find_study(args.name)
     folder = args.out or Path("renders") / f"study-{study.name}{'-quick' if args.quick else ''}"
-    with disk_errors(folder):
+    with only_writer(folder):
         findings = run_study(study, folder, args.quick, jobs_of(args.jobs), args.so_far)
     if args.json:
-        print((folder / "findings.json").read_text())
+        print(read_text(folder / "findings.json"))
         return 0
     print(f"{study.title}\n\nclaim    {textwrap.fill(study.claim, 100, subsequent_indent=9 * ' ')}")
     print(f"verdict  {textwrap.fill(findings.verdict, 100, subsequent_indent=9 * ' ')}\n")

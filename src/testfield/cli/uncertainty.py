@@ -37,19 +37,22 @@ def act(args: argparse.Namespace) -> int:
 
     import numpy as np
 
-    from testfield.chain.files import disk_errors
+    from testfield.chain.belongs import check_truth
     from testfield.chain.progress import bar
-    from testfield.chain.run import resume
+    from testfield.chain.run import resume, scene_of
     from testfield.chain.trials import BLOCK, Trials
     from testfield.errors import TestfieldError
+    from testfield.store.lock import only_writer
     from testfield.uncertainty.statement import of_blocks, of_trials, quantities
 
     most = TRIALS[args.depth] if args.trials is None else args.trials
     least = 2 * BLOCK if args.depth == "rays" else 2
     if most < least:
         raise TestfieldError(f"value {most} is too few for the depth '{args.depth}'", "--trials", f"give {least}")
-    with disk_errors(args.run):
+    scene_of(args.run)
+    with only_writer(args.run):
         trials = Trials(resume(args.run, 1), args.depth)
+        check_truth(trials.run)
         points, field = trials.points, trials.run.field
         result = quantities(points, field, [tuple(pair) for pair in args.length])
         with bar("trials", most, "trials") as move:

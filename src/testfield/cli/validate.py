@@ -18,12 +18,12 @@ def act(args: argparse.Namespace) -> int:
     """Say what is wrong, or what the scene holds."""
     import numpy as np
 
-    from testfield.chain.files import Ledger
     from testfield.chain.run import Run, check_algorithms
     from testfield.cli.show import show_warnings
     from testfield.scene.check import check_scene
     from testfield.scene.load import load_scene
     from testfield.scene.world import BAR, BOARD, CHECK
+    from testfield.store.ledger import Ledger
 
     run = Run(Path(), load_scene(args.scene), str(args.scene), Ledger(Path("/nonexistent")))
     world = run.world

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from testfield.errors import speaking
+from testfield.store.sheets import FORMAT, LARGEST_MM, covariance, read_columns, unique
 
 
 @dataclass(frozen=True)
@@ -60,24 +61,28 @@ class Points:
             "rejected": self.rejected,
             "cov_rows_mm2": list(self.cov_xyz_mm2.reshape(n, 9 * n)),
         }
-        pq.write_table(pa.table(columns).replace_schema_metadata({"method": self.method}), path)
+        pq.write_table(pa.table(columns).replace_schema_metadata({"format": str(FORMAT), "method": self.method}), path)
 
     @staticmethod
     @speaking("points")
     def load(path: Path) -> "Points":
-        """Read what `save` wrote."""
-        import pyarrow.parquet as pq
-
-        table = pq.read_table(path)
-        column = {name: table[name].to_numpy(zero_copy_only=False) for name in table.column_names}
+        """Read what `save` wrote. Raises `TestfieldError` where columns, shapes or numbers are not such."""
+        column, notes = read_columns(path, COLUMNS)
         n = len(column["code"])
-        covariance = (
-            np.concatenate([np.asarray(row) for row in column["cov_rows_mm2"]]).reshape(3 * n, 3 * n)
-            if n
-            else np.zeros((0, 0))
-        )
+        unique(column["code"].tolist(), "code")
+        if any(len(row) != 9 * n for row in column["cov_rows_mm2"]):
+            raise ValueError("column 'cov_rows_mm2' does not hold three rows of the covariance")
+        rows = np.concatenate([np.zeros(0), *column["cov_rows_mm2"]]).reshape(3 * n, 3 * n)
         xyz = np.column_stack([column[f"{axis}_mm"] for axis in "xyz"])
+        if np.abs(xyz).max(initial=0) > LARGEST_MM:
+            raise ValueError(f"coordinates are beyond {LARGEST_MM:g} mm")
         return Points(
-            table.schema.metadata[b"method"].decode(), column["code"], xyz, covariance, column["rays"],
+            notes["method"], column["code"], xyz, covariance(rows, "cov_rows_mm2", 3 * n), column["rays"],
             column["residual_rms_px"], column["rejected"],
         )  # fmt: skip
+
+
+COLUMNS = {
+    "code": "i", "x_mm": "f", "y_mm": "f", "z_mm": "f", "rays": "i", "residual_rms_px": "n", "rejected": "i",
+    "cov_rows_mm2": "O",
+}  # fmt: skip

@@ -40,8 +40,9 @@ class DirectLight:
     values: np.ndarray
 
 
-def compute_direct(world: World, scene: Any) -> DirectLight:
-    """Direct light on every panel of a world whose Mitsuba scene is `scene`."""
+def compute_direct(world: World, scene: Any, levels: tuple[int, ...] = LEVELS, rays: int = LATTICE) -> DirectLight:
+    """Direct light on every panel of a world whose Mitsuba scene is `scene`; `levels` of nodes along a tile's side and
+    `rays` to a lamp that may be hidden are fewer for a first look."""
     marked = np.isin(np.arange(len(world.panels)), world.marks.panel)
     side = np.where(marked, TILE_MM, TILE_PLAIN_MM)
     shape = np.maximum(np.ceil(world.panels.size_mm[:, ::-1] / side[:, None]).astype(int), 1)
@@ -52,7 +53,7 @@ def compute_direct(world: World, scene: Any) -> DirectLight:
     active = np.arange(len(panel))
     coarse: dict[int, np.ndarray] = {}
     brightest = np.zeros(len(shape))
-    for level, n in enumerate(LEVELS):
+    for level, n in enumerate(levels):
         if len(active) == 0:
             break
         at = np.linspace(0, 1, n)
@@ -65,7 +66,7 @@ def compute_direct(world: World, scene: Any) -> DirectLight:
             axis=-1,
         )
         points, normals, owner = _places(world, np.repeat(panel[active], n * n), uv.reshape(-1, 2))
-        light = direct_irradiance(world, scene, points, normals, owner).reshape(len(active), n, n)
+        light = direct_irradiance(world, scene, points, normals, owner, rays).reshape(len(active), n, n)
         if level == 0:
             np.maximum.at(brightest, panel[active], light.max(axis=(1, 2)))
         unsettled = []

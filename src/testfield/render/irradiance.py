@@ -14,7 +14,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from testfield.render.camera_plugin import opaque_float
-from testfield.render.direct import DirectLight, DirectLookup, compute_direct
+from testfield.render.direct import LATTICE, LEVELS, DirectLight, DirectLookup, compute_direct
 from testfield.render.fetch import fetch
 from testfield.render.lookup import cell_of
 from testfield.render.mesh_light import MeshLight, compute_mesh_light
@@ -78,12 +78,18 @@ def grid_shape(size_mm: np.ndarray, spacing_mm: float) -> np.ndarray:
 
 
 def compute_irradiance(
-    stage: Stage, spacing_mm: float, paths: int, seed: int, progress: Callable[[float], None]
+    stage: Stage,
+    spacing_mm: float,
+    paths: int,
+    seed: int,
+    progress: Callable[[float], None],
+    levels: tuple[int, ...] = LEVELS,
+    rays: int = LATTICE,
 ) -> Irradiance:
     """Estimate the light on every panel of a stage.
 
     `spacing_mm` between points, `paths` for each point, `seed` of the random numbers, `progress` is told the fraction
-    done of the work since the last call.
+    done of the work since the last call; `levels` and `rays` as in `compute_direct`.
     """
     world = stage.world
     shapes = grid_shape(world.panels.size_mm, spacing_mm)
@@ -111,7 +117,7 @@ def compute_irradiance(
     return Irradiance(
         np.array([grid.shape for grid in grids]),
         np.concatenate([grid.ravel() for grid in grids]).astype(np.float32),
-        compute_direct(world, stage.scene),
+        compute_direct(world, stage.scene, levels, rays),
         compute_mesh_light(world, stage.scene, spacing_mm, on_meshes),
     )
 

@@ -12,6 +12,8 @@ from testfield.scene.world import World
 
 WIDTH_PX = 900
 SPACING_MM, PATHS = 250.0, 256
+LEVELS, RAYS = (3, 5), 233
+"""Nodes along a tile's side, and rays to each lamp that may be hidden: shadows in a preview need no sharp edge."""
 NOISE, SAMPLES = 0.05, 64
 """Of what a coat reflects."""
 
@@ -32,5 +34,5 @@ def quick_view(world: World, station: int) -> Radiance:
         motion=replace(world.motion, row_s=world.motion.row_s / shrink),
     )
     stage = build_stage(small)
-    light = compute_irradiance(stage, SPACING_MM, PATHS, 1, lambda _: None)
+    light = compute_irradiance(stage, SPACING_MM, PATHS, 1, lambda _: None, LEVELS, RAYS)
     return render_view(stage, light, station, 3, NOISE, SAMPLES, 1)[0]

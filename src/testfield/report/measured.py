@@ -11,12 +11,13 @@ import numpy as np
 
 from testfield.calibrate.rejections import lossy
 from testfield.calibrate.ties import point_name
-from testfield.chain.files import whole
 from testfield.chain.measure import Measurement
 from testfield.detect.observations import MEASURED
 from testfield.report import figures
 from testfield.report.pages import page
 from testfield.report.style import ACCENT, INK, WARM, figure, svg_of
+from testfield.store.atomic import whole
+from testfield.store.text import write_text
 from testfield.targets.field_file import FieldFile
 
 PICTURE_WIDTH = 1240
@@ -37,7 +38,7 @@ def write_measurement(result: Measurement, field: FieldFile, folder: Path, image
             save(path)
     points = result.points
     u = np.sqrt(np.diag(points.cov_xyz_mm2)).reshape(-1, 3)
-    with whole(folder / "points.csv") as path, path.open("w", newline="") as file:
+    with whole(folder / "points.csv") as path, path.open("w", newline="", encoding="utf-8") as file:
         table = csv.writer(file)
         table.writerow(("point", "x_mm", "y_mm", "z_mm", "u_x_mm", "u_y_mm", "u_z_mm", "rays", "residual_rms_px"))
         for k in range(len(points)):
@@ -68,9 +69,9 @@ def write_measurement(result: Measurement, field: FieldFile, folder: Path, image
         "notes": list(result.calibration.notes),
     }
     with whole(folder / "measurement.json") as path:
-        path.write_text(json.dumps(summary, indent=1))
+        write_text(path, json.dumps(summary, indent=1))
     with whole(folder / "report.html") as path:
-        path.write_text(_page(result, field, folder, images, u, summary))
+        write_text(path, _page(result, field, folder, images, u, summary))
     return summary
 
 

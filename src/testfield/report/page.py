@@ -1,7 +1,6 @@
 """The report: one self-contained HTML page, pictures first, then tables, then provenance."""
 
 import base64
-import json
 from pathlib import Path
 from typing import Any
 
@@ -20,18 +19,19 @@ from testfield.scene.truth import Views
 from testfield.scene.world import World
 from testfield.score.detection import score_detection
 from testfield.score.points import score_points
-from testfield.score.scorecard import ten_figures
+from testfield.score.scorecard import load_scorecard, ten_figures
+from testfield.store.text import write_text
 
 
 def write_report(world: World, views: Views, scene: SceneFile, folder: Path, notes: dict[str, Any], path: Path) -> None:
     """Write the page of a run's folder."""
-    card = json.loads((folder / "scorecard.json").read_text())
+    card = load_scorecard(folder / "scorecard.json")
     observations = Observations.load(folder / "observations.parquet")
     calibration = Calibration.load(folder / "calibration.json")
     found = score_detection(world, views, observations)
     points = score_points(world, calibration, Points.load(folder / "points.parquet"))
     name = _telling_station(observations)
-    frame = Frame.load(folder / f"frames/{name}.png")
+    frame = Frame.load(folder / f"frames/{name}.png", name)
 
     html = page(
         "page.html",
@@ -58,7 +58,7 @@ def write_report(world: World, views: Views, scene: SceneFile, folder: Path, not
         certificate=floor_of(folder),
         images=_making_rows(notes.get("images", {})),
     )
-    path.write_text(html)
+    write_text(path, html)
 
 
 def _making_rows(images: dict[str, dict]) -> list[str]:

@@ -8,10 +8,11 @@ import cv2
 import numpy as np
 
 from testfield.camera.photograph import Photograph
-from testfield.chain.files import whole
 from testfield.detect.observations import MEASURED, TEXTURE, Observations
 from testfield.detect.photograph import Found
 from testfield.report.style import shown
+from testfield.store.atomic import whole
+from testfield.store.text import write_text
 
 FINE, REFUSED = (80, 220, 80), (60, 60, 255)
 """Blue, green, red."""
@@ -25,7 +26,7 @@ def write_found(photographs: list[Photograph], found: list[Found], folder: Path)
     """`observations.csv`, `observations.parquet` and `detection.json` of all photographs."""
     folder.mkdir(parents=True, exist_ok=True)
     names = tuple(photograph.name for photograph in photographs)
-    with whole(folder / "observations.csv") as path, path.open("w", newline="") as file:
+    with whole(folder / "observations.csv") as path, path.open("w", newline="", encoding="utf-8") as file:
         table = csv.writer(file)
         table.writerow(COLUMNS)
         for name, one in zip(names, found, strict=True):
@@ -33,7 +34,7 @@ def write_found(photographs: list[Photograph], found: list[Found], folder: Path)
     with whole(folder / "observations.parquet") as path:
         Observations.join([one.observations for one in found], names).save(path)
     with whole(folder / "detection.json") as path:
-        path.write_text(json.dumps([_summary(p, f) for p, f in zip(photographs, found, strict=True)], indent=1))
+        write_text(path, json.dumps([_summary(p, f) for p, f in zip(photographs, found, strict=True)], indent=1))
 
 
 def _summary(photograph: Photograph, found: Found) -> dict:

@@ -5,9 +5,10 @@ from typing import Any
 
 from markupsafe import Markup
 
-from testfield.chain.files import whole
 from testfield.report.pages import page
 from testfield.report.style import figure, svg_of
+from testfield.store.atomic import whole
+from testfield.store.text import write_text
 from testfield.study.run_cases import FAILURE
 from testfield.study.study import Findings, Plot, Study, Table
 
@@ -31,7 +32,7 @@ def write_page(
         tables=[(table, Markup(as_html(table))) for table in findings.tables],
     )  # fmt: skip
     with whole(folder / "report.html") as path:
-        path.write_text(html)
+        write_text(path, html)
 
 
 def _labels(row: dict[str, Any]) -> str:

@@ -19,7 +19,8 @@ def figure(
     """A figure with its axes (none where `columns` is 0), drawn without a display and without pyplot's global state."""
     from matplotlib import rc_context
     from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+
+    from testfield.report.literal import LiteralFigure
 
     settings: Any = {
         "font.family": "DejaVu Sans", "font.size": 8.5, "axes.edgecolor": FAINT, "axes.labelcolor": INK,
@@ -27,7 +28,7 @@ def figure(
         "axes.spines.top": False, "axes.spines.right": False, "svg.hashsalt": "testfield", "svg.fonttype": "path",
     }  # fmt: skip
     with rc_context(settings):
-        drawing = Figure((width_in, height_in), layout="constrained")
+        drawing = LiteralFigure((width_in, height_in), layout="constrained")
         FigureCanvasAgg(drawing)
         yield drawing, drawing.subplots(rows, columns, **options) if columns else None
 

@@ -1,6 +1,7 @@
 """What is wrong with a scene before any long work starts: errors stop it, warnings are told."""
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from testfield.camera.project import directions
 from testfield.errors import TestfieldError
@@ -211,17 +212,34 @@ def _marks_fit(scene: SceneFile, world: World, source: str) -> None:
                 f"a mark at ({at[0]:.1f}, {at[1]:.1f}) mm reaches over the edge", f"{source}, {world.panels.name[k]}",
                 "enlarge size_mm, or move or shrink the zone",
             )  # fmt: skip
-        gap = np.linalg.norm(marks.xy_mm[here, None] - marks.xy_mm[None, here], axis=-1)
-        need = np.maximum(quiet[here, None] + printed[None, here], printed[here, None] + quiet[None, here])
-        np.fill_diagonal(gap, np.inf)
-        if (gap < need).any():
-            i, j = np.argwhere(gap < need)[0]
-            a, b = marks.xy_mm[here[i]], marks.xy_mm[here[j]]
+        pair = _too_close(marks.xy_mm[here], quiet[here], printed[here])
+        if pair is not None:
+            a, b = marks.xy_mm[here[list(pair)]]
             raise TestfieldError(
                 f"marks at ({a[0]:.1f}, {a[1]:.1f}) and ({b[0]:.1f}, {b[1]:.1f}) mm are too close",
                 f"{source}, {world.panels.name[k]}",
                 "leave each coded target its quiet zone of 3.9 dot radii",
             )  # fmt: skip
+
+
+def _too_close(xy_mm: np.ndarray, quiet_mm: np.ndarray, printed_mm: np.ndarray) -> tuple[int, int] | None:
+    """Two of n marks of which one is printed into the other's quiet zone, the first such pair; None where none is."""
+    if len(xy_mm) < 2:
+        return None
+    tree = cKDTree(xy_mm)
+    # Where each mark's nearest keeps off, only so many others can be near; without this there might be all pairs.
+    nearest = tree.query(xy_mm, k=2)[1]
+    first = nearest[np.arange(len(xy_mm)), (nearest[:, 0] == np.arange(len(xy_mm))).astype(int)]
+    for near in (np.column_stack([np.arange(len(xy_mm)), first]), None):
+        pairs = tree.query_pairs((quiet_mm + printed_mm).max(), output_type="ndarray") if near is None else near
+        i, j = np.sort(pairs, axis=1).T
+        need = np.maximum(quiet_mm[i] + printed_mm[j], printed_mm[i] + quiet_mm[j])
+        bad = np.linalg.norm(xy_mm[i] - xy_mm[j], axis=1) < need
+        if bad.any():
+            i, j = i[bad], j[bad]
+            k = np.lexsort([j, i])[0]
+            return int(i[k]), int(j[k])
+    return None
 
 
 def _stations_stand_free(world: World, source: str) -> None:

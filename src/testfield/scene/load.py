@@ -2,7 +2,6 @@
 
 import difflib
 import json
-import tomllib
 from pathlib import Path
 from typing import Any, get_args
 
@@ -10,6 +9,8 @@ from pydantic import BaseModel, ValidationError
 
 from testfield.errors import TestfieldError
 from testfield.scene.schema import SceneFile
+from testfield.scene.sizes import check_sizes
+from testfield.store.toml import parse_toml, read_toml
 
 UNITS = ("mm", "um", "px", "deg", "ms", "dn", "e", "ppm", "m", "cm", "rad", "s", "nm")
 
@@ -22,27 +23,12 @@ def load_scene(path: Path) -> SceneFile:
 
     Raises `TestfieldError` where the file is missing, is not TOML, or a field is unknown, absent or out of range.
     """
-    try:
-        text = path.read_bytes().decode("utf-8-sig")  # editors on Windows begin files with a byte-order mark
-    except FileNotFoundError as error:
-        raise TestfieldError(
-            "no such scene file", str(path), "check the path; `testfield schema` describes one"
-        ) from error
-    except IsADirectoryError as error:
-        raise TestfieldError("this is a folder", str(path), "name a scene file in it") from error
-    except UnicodeDecodeError as error:
-        raise TestfieldError("this is not a text file", str(path), "a scene is a TOML file") from error
-    except OSError as error:
-        raise TestfieldError(f"cannot be read ({error.strerror})", str(path)) from error
-    return parse_scene(text, str(path), path.parent)
+    return parse_scene(read_toml(path, "scene file"), str(path), path.parent)
 
 
-def parse_scene(text: str, source: str, folder: Path = Path()) -> SceneFile:
+def parse_scene(text: str | bytes, source: str, folder: Path = Path()) -> SceneFile:
     """The scene in a TOML text; `source` is what messages call it, `folder` where the files it names are."""
-    try:
-        data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise TestfieldError(f"not valid TOML ({error})", source) from error
+    data = parse_toml(text, source)
     # The kind of a listed station or target need not be said when it is a single one.
     for name in ("stations", "check_targets"):
         for item in data.get(name, []) if isinstance(data.get(name), list) else []:
@@ -54,9 +40,11 @@ def parse_scene(text: str, source: str, folder: Path = Path()) -> SceneFile:
         if isinstance(item, dict):
             item.setdefault("kind", "area")
     try:
-        return SceneFile.model_validate(data).in_folder(folder)
+        scene = SceneFile.model_validate(data).in_folder(folder)
     except ValidationError as error:
         raise _speak(error, source) from error
+    check_sizes(scene, source)
+    return scene
 
 
 def scene_schema() -> dict[str, Any]:

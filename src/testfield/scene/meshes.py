@@ -6,6 +6,7 @@ import numpy as np
 
 from testfield.errors import TestfieldError
 from testfield.scene.bodies import facing_outwards, solid_angles
+from testfield.scene.mesh_files import check_mesh_file
 from testfield.scene.named_files import named_file
 from testfield.scene.schema import MeshPart, SceneFile
 from testfield.scene.world import TrueMesh
@@ -75,8 +76,9 @@ def _read(path: Path, where: str) -> tuple[np.ndarray, np.ndarray]:
 
     if not path.is_file():
         raise TestfieldError(f"value '{path}': no such mesh file", where, "paths are relative to the scene file")
+    check_mesh_file(path, where)
     try:
-        loaded = trimesh.load_mesh(path, process=False, skip_materials=True)
+        loaded = trimesh.load_mesh(path, file_type=path.suffix[1:].lower(), process=False, skip_materials=True)
         vertices, faces = np.asarray(loaded.vertices, float), np.asarray(loaded.faces, int)
     except Exception as error:  # each format's reader fails in ways of its own
         reason = " ".join(f"{type(error).__name__}: {error}".split())[:120]

@@ -11,7 +11,6 @@ from pydantic import (
     BaseModel,
     ConfigDict,
     Field,
-    PositiveFloat,
     PositiveInt,
     PrivateAttr,
     model_validator,
@@ -21,6 +20,8 @@ from testfield.scene.bend import curvature_of, extent_mm
 from testfield.sensor.presets import presets, with_preset
 from testfield.targets.board_pattern import BoardPattern, dictionary
 
+PositiveFloat = Annotated[float, Field(ge=1e-9)]
+"""Less is nothing, and would overflow where something is divided by it."""
 Vector3 = tuple[float, float, float]
 Pair = tuple[float, float]
 Size = tuple[PositiveFloat, PositiveFloat]
@@ -47,9 +48,14 @@ def _printable(name: str) -> str:
 Label = Annotated[str, Field(min_length=1, max_length=80), AfterValidator(_printable)]
 
 
+SHORTEST_DIRECTION = 1e-6
+
+
 def _direction(vector: Vector3) -> Vector3:
     if not any(vector):
         raise ValueError("a direction must not have length zero")
+    if math.hypot(*vector) < SHORTEST_DIRECTION:
+        raise ValueError(f"a direction must have a length of {SHORTEST_DIRECTION:g} or more")
     return vector
 
 
@@ -576,7 +582,7 @@ class AcceptancePart(_Part):
 class _Aimed(_Part):
     look_at_mm: Vector3 = Field((0, 0, 1500), description="Point the optical axis goes through.")
     roll_deg: tuple[float, ...] = Field(
-        (0,), description="Rotation about the optical axis, taken in turn by the stations."
+        (0,), min_length=1, description="Rotation about the optical axis, taken in turn by the stations."
     )
 
 
@@ -679,8 +685,9 @@ class MapPart(_Part):
 
     kind: Literal["map"] = Field(description="An equirectangular picture.")
     file: str = Field(
+        max_length=1000,
         description="EXR, HDR or PNG, its middle the world's +y and its top the zenith; PNG is decoded from sRGB. "
-        "Relative to the scene file."
+        "Relative to the scene file.",
     )
     scale_w_m2_sr: PositiveFloat = Field(1.0, description="Radiance of a pixel of value 1.")
     azimuth_deg: float = Field(0, description="Turn about the vertical, counter-clockwise seen from above.")
@@ -692,8 +699,8 @@ EnvironmentPart = Annotated[GradientPart | MapPart, Field(discriminator="kind")]
 class RoomPart(_Part):
     """What stands around the field, and the light."""
 
-    surfaces: tuple[SurfacePart, ...] = Field((), description="Floor, walls and other plain surfaces.")
-    lights: tuple[LightPart, ...] = Field((), description="Area lights and point lights.")
+    surfaces: tuple[SurfacePart, ...] = Field((), max_length=1000, description="Floor, walls and other plain surfaces.")
+    lights: tuple[LightPart, ...] = Field((), max_length=1000, description="Area lights and point lights.")
     ambient_w_m2_sr: float = Field(0.5, ge=0, description="Radiance that comes from every direction no surface hides.")
     environment: EnvironmentPart | None = Field(
         None, description="Light from all around that is not constant, in the place of ambient_w_m2_sr."
@@ -746,7 +753,9 @@ class MeshPart(_Part):
     """A body of any shape, matt and of one colour, from a mesh file."""
 
     name: Name = Field(description="Unique name.")
-    file: str = Field(min_length=1, description="STL, OBJ, PLY or GLB file, relative to the scene file.")
+    file: str = Field(
+        min_length=1, max_length=1000, description="STL, OBJ, PLY or GLB file, relative to the scene file."
+    )
     unit: Literal["um", "mm", "cm", "m", "in", "ft"] | None = Field(
         None, description="Unit of the file's coordinates; if not given, m for GLB, as glTF defines, and mm for others."
     )
@@ -782,17 +791,17 @@ class RenderPart(_Part):
     )
     cells: int = Field(3, ge=1, le=16, description="fast: cells along each side of a pixel.")
     light_spacing_mm: PositiveFloat = Field(60, description="fast: distance of the points at which light is computed.")
-    light_paths: int = Field(4096, ge=16, description="fast: paths for each of these points.")
+    light_paths: int = Field(4096, ge=16, le=10_000_000, description="fast: paths for each of these points.")
     blur_shots: int = Field(
         64, ge=2, le=4096, description="fast: the most sharp pictures whose mean makes a defocused or moved one."
     )
-    samples: int = Field(64, ge=1, description="path: samples a pixel.")
+    samples: int = Field(64, ge=1, le=10_000_000, description="path: samples a pixel.")
     noise_target: float = Field(
         0.005, gt=0, le=1,
         description="What must be sampled (gloss) is, until each pixel's standard error is this part of white.",
     )  # fmt: skip
     most_samples: int = Field(
-        4096, ge=64, description="Where a pixel's sampling ends even if noise_target is not reached."
+        4096, ge=64, le=10_000_000, description="Where a pixel's sampling ends even if noise_target is not reached."
     )
 
 
@@ -809,7 +818,7 @@ class MeasurePart(_Part):
         None, description="The board that is calibrated with, for zhang, opencv and opencv_ro; absent, the best seen."
     )
     reconstructor: str = Field("gls", description="Reconstruction method.")
-    smallest_diameter_px: float = Field(5.0, ge=3, description="Smaller dots are not looked for.")
+    smallest_diameter_px: float = Field(5.0, ge=3, le=1000, description="Smaller dots are not looked for.")
 
 
 class CertifiedPosesPart(_Part):
@@ -842,7 +851,7 @@ class SceneFile(_Part):
     paint: PaintPart = PaintPart()
     room: RoomPart = RoomPart()
     boards: tuple[BoardPart, ...] = Field(
-        min_length=1, description="Sub-boards; the first defines the measuring frame."
+        min_length=1, max_length=1000, description="Sub-boards; the first defines the measuring frame."
     )
     u_print_scale_ppm: float = Field(
         20, ge=0, le=10000,
@@ -852,11 +861,15 @@ class SceneFile(_Part):
     certified_poses: CertifiedPosesPart | None = Field(
         None, description="Whether somebody measured where the boards are, for the calibrators stitched_given and dlt."
     )
-    scale_bars: tuple[ScaleBarPart, ...] = Field((), description="Scale bars.")
-    meshes: tuple[MeshPart, ...] = Field((), description="Bodies from mesh files, in the way or to carry targets.")
+    scale_bars: tuple[ScaleBarPart, ...] = Field((), max_length=1000, description="Scale bars.")
+    meshes: tuple[MeshPart, ...] = Field(
+        (), max_length=100, description="Bodies from mesh files, in the way or to carry targets."
+    )
     check_targets: tuple[CheckPart, ...] = Field((), description="Targets whose true positions only scoring knows.")
     measuring_lines: tuple[MeasuringLinePart, ...] = Field(
-        (), description="Lines of check targets whose distances are calibrated, for `testfield accept`."
+        (),
+        max_length=1000,
+        description="Lines of check targets whose distances are calibrated, for `testfield accept`.",
     )
     acceptance: AcceptancePart | None = Field(None, description="The limit that `testfield accept` judges by.")
     target_motion: TargetMotionPart | None = Field(

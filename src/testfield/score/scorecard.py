@@ -5,15 +5,20 @@ import math
 from pathlib import Path
 from typing import Any
 
+from pydantic import model_validator
+
 from testfield.calibrate.calibration import Calibration
 from testfield.calibrate.rejections import failed_checks
 from testfield.detect.observations import Observations
+from testfield.errors import speaking
 from testfield.reconstruct.points import Points
 from testfield.scene.truth import Views
 from testfield.scene.world import World
 from testfield.score.camera import score_boards, score_camera
 from testfield.score.detection import score_detection
 from testfield.score.points import score_lengths, score_points
+from testfield.store.sheets import FORMAT, Count, Finite, OpenSheet, checked, read_json
+from testfield.store.text import write_text
 
 TEN = (
     ("targets found of those expected", "detection.found_fraction", "{:.2%}"),
@@ -53,7 +58,123 @@ def scorecard(world: World, views: Views, observations: Path, calibration: Path,
 
 def write_scorecard(card: dict[str, Any], path: Path) -> None:
     """Write as JSON; a figure that does not exist is null."""
-    path.write_text(json.dumps(plain(card), indent=1, allow_nan=False))
+    write_text(path, json.dumps({"format": FORMAT} | plain(card), indent=1, allow_nan=False))
+
+
+Figure = Finite | None
+
+
+class _Detection(OpenSheet):
+    expected: Count
+    found: Count
+    found_fraction: Finite
+    missed: Count
+    missed_reasons: dict[str, Count]
+    false: Count
+    wrong_code: Count
+    wrong_dot: Count
+    centre_rms_px: Figure
+    centre_bias_x_px: Figure
+    centre_bias_y_px: Figure
+    centre_worst_px: Figure
+    centre_anees: Figure
+
+
+class _Camera(OpenSheet):
+    method: str
+    reprojection_rms_px: Figure
+    sigma0: Figure
+    observations: Count
+    rejected: Count
+    corner_error_px: Figure
+    corner_errors_px: list[Figure]
+    interior_u: dict[str, Figure]
+    interior_anees: Figure
+    notes: list[str]
+
+
+class _Boards(OpenSheet):
+    joined: Count
+    pose_rms_mm: Figure
+    names: list[str]
+    mark_shift_rms_mm: list[Figure]
+    translation_error_mm: list[Figure]
+    rotation_error_mrad: list[Figure]
+    anees: Figure
+
+    @model_validator(mode="after")
+    def _as_many(self) -> "_Boards":
+        for name in ("mark_shift_rms_mm", "translation_error_mm", "rotation_error_mrad"):
+            if len(getattr(self, name)) != len(self.names):
+                raise ValueError(f"{name} has not one figure a board")
+        return self
+
+
+class _Points(OpenSheet):
+    method: str
+    expected: Count
+    measured: Count
+    fit: str
+    rmse_mm: Figure
+    rmse_unfitted_mm: Figure
+    relative_accuracy: Figure
+    relative_accuracy_largest_distance: Figure
+    anees: Figure
+    anees_fitted: Figure
+    anees_band_95: tuple[Finite, Finite] | None
+    anees_note: str
+
+    @model_validator(mode="after")
+    def _of_what_was_measured(self) -> "_Points":
+        if self.measured and self.anees_band_95 is None:
+            raise ValueError("anees_band_95 is missing")
+        return self
+
+
+class _Bar(OpenSheet):
+    name: str
+    role: str
+    note: str = ""
+
+
+class _MeasuredBar(_Bar):
+    certified_mm: Finite
+    true_mm: Finite
+    measured_mm: Finite
+    error_mm: Finite
+    u_measured_mm: Finite
+    en: Figure
+
+
+class _Lengths(OpenSheet):
+    check_error_mm: Figure
+    scale_error_ppm: Figure
+    u_scale_ppm: Figure
+    bars: list[_MeasuredBar | _Bar]
+
+
+class _Verdict(OpenSheet):
+    passed: bool
+    failures: list[str]
+
+
+class _Card(OpenSheet):
+    scene: str
+    verdict: _Verdict
+    detection: _Detection
+    calibration: _Camera
+    boards: _Boards
+    points: _Points
+    lengths: _Lengths
+    time_s: dict[str, Finite]
+
+
+@speaking("scorecard")
+def load_scorecard(path: Path) -> dict[str, Any]:
+    """A run's scorecard. Raises `TestfieldError` where a figure that is shown is missing, or is none."""
+    card = read_json(path)
+    checked(_Card, card)
+    return card
 
 
 def figure(card: dict[str, Any], key: str) -> Any:

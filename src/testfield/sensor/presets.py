@@ -5,6 +5,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+from testfield.store.text import read_text
+
 ABOUT = ("description", "source", "verified", "shutter")
 OF_THE_CAMERA = ("width_px", "height_px", "pixel_pitch_um")
 
@@ -12,7 +14,7 @@ OF_THE_CAMERA = ("width_px", "height_px", "pixel_pitch_um")
 @lru_cache
 def presets() -> dict[str, dict[str, Any]]:
     """All presets by name: figures under the scene file's names, and `ABOUT` where they are from."""
-    return tomllib.loads(Path(__file__).with_name("presets.toml").read_text())
+    return tomllib.loads(read_text(Path(__file__).with_name("presets.toml")))
 
 
 def with_preset(scene: dict[str, Any]) -> dict[str, Any]:

@@ -1,12 +1,12 @@
 """A study's table of cases: plain data that say which scene, which changes, which seed, which methods."""
 
-import tomllib
 from copy import deepcopy
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from testfield.errors import TestfieldError
+from testfield.store.toml import parse_toml, read_toml
 
 
 @dataclass(frozen=True)
@@ -27,10 +27,7 @@ class Case:
 
 def scene_table(path: Path) -> dict[str, Any]:
     """A scene file as a plain table."""
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except (OSError, tomllib.TOMLDecodeError) as error:
-        raise TestfieldError(f"this scene cannot be read ({error})", str(path), "mend or restore the file") from error
+    return parse_toml(read_toml(path, "scene file"), str(path))
 
 
 def changed(scene: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:

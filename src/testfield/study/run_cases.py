@@ -5,12 +5,10 @@ process, one after the other, so that nothing is made twice. What a case found i
 digest of the case and of the code it was measured with: after a kill, the next call does what is missing.
 """
 
-import multiprocessing
 import os
-import signal
 import sys
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from concurrent.futures import Future
 from contextlib import contextmanager
 from importlib import import_module
 from multiprocessing.synchronize import Event
@@ -23,11 +21,14 @@ import pandas as pd
 import tomli_w
 
 from testfield.chain.code import code_digest, package_version
-from testfield.chain.files import digest, whole
 from testfield.chain.progress import bar
 from testfield.chain.run import Run, begin
 from testfield.errors import TestfieldError
 from testfield.registry import own_modules
+from testfield.store.atomic import whole
+from testfield.store.digests import digest
+from testfield.store.pool import SPAWN, process_pool
+from testfield.store.text import write_text
 from testfield.study.cases import Case
 
 FAILURE = "failure"
@@ -117,7 +118,7 @@ def do_case(case: Case, folder: Path) -> list[dict[str, Any]]:
 def _run(case: Case, folder: Path) -> Run:
     place = folder / "runs" / str(run_name(case))
     with whole(place / "case.toml") as path:
-        path.write_text(tomli_w.dumps(case.scene or {}))
+        write_text(path, tomli_w.dumps(case.scene or {}))
     run, _ = begin(place / "case.toml", place, None, 1)
     return run
 
@@ -138,9 +139,8 @@ def _try(case: Case, key: str, folder: Path) -> str | None:
 def _group(cases: list[Case], keys: list[str], folder: Path) -> dict[str, str | None]:
     """Do cases that share a run, in a process of the pool; by key, why each failed or None."""
     reasons: dict[str, str | None] = {}
-    parent = multiprocessing.parent_process()
     for case, key in zip(cases, keys, strict=True):
-        if (parent is not None and not parent.is_alive()) or (_end is not None and _end.is_set()):
+        if _end is not None and _end.is_set():
             sys.exit()  # nobody waits for the rest
         reasons[key] = _try(case, key, folder)
     return reasons
@@ -176,26 +176,16 @@ def _done(
 @contextmanager
 def local_pool(jobs: int) -> Iterator[Pool]:
     """Processes on this machine, one thread each; an interrupt is the parent's to handle: they finish their cases."""
-    context = multiprocessing.get_context("spawn")  # the renderer's threads do not survive a fork
-    before = {name: os.environ.get(name) for name in THREADS}
-    os.environ.update({name: "1" for name in THREADS if name not in os.environ})
-    end = context.Event()
-    pool: Executor = ProcessPoolExecutor(jobs, context, initializer=_start, initargs=(end,))
-    try:
-        yield pool
-    except BaseException:
-        end.set()
-        pool.shutdown(wait=False, cancel_futures=True)
-        raise
-    finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-    pool.shutdown()
+    end = SPAWN.Event()
+    with process_pool(jobs, _start, (end,)) as pool:
+        try:
+            yield pool
+        except BaseException:
+            end.set()
+            raise
 
 
 LOOK_S = 0.3
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
 
 _end: Event | None = None
@@ -205,7 +195,6 @@ _end: Event | None = None
 def _start(end: Event) -> None:
     global _end
     _end = end
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.environ["TQDM_DISABLE"] = "1"
 
 

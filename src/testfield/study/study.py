@@ -8,9 +8,10 @@ from typing import Any
 
 import pandas as pd
 
-from testfield.chain.files import whole
 from testfield.errors import TestfieldError
 from testfield.score.scorecard import plain
+from testfield.store.atomic import whole
+from testfield.store.text import write_text
 from testfield.study.cases import Case
 from testfield.study.run_cases import FAILURE, finished, run_cases
 
@@ -91,6 +92,6 @@ def run_study(study: Study, folder: Path, quick: bool, jobs: int, so_far: bool =
         "cases": len(cases), "done": done, "failed": len(failures),
     }  # fmt: skip
     with whole(folder / "findings.json") as path:
-        path.write_text(json.dumps(plain(summary), indent=1, allow_nan=False))
+        write_text(path, json.dumps(plain(summary), indent=1, allow_nan=False))
     write_page(study, findings, failures, folder, quick, f"{done} of {len(cases)}" if done < len(cases) else "")
     return findings

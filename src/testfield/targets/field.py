@@ -3,11 +3,15 @@
 import json
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Annotated, Literal
 
 import numpy as np
+import pydantic
 
 from testfield.errors import speaking
-from testfield.targets.board_pattern import BoardPattern
+from testfield.store.sheets import FORMAT, LARGEST_MM, Count, Sheet, checked, read_json, unique
+from testfield.store.text import write_text
+from testfield.targets.board_pattern import CIRCLES, SQUARES, BoardPattern, dictionary
 from testfield.targets.marks import RADII, USUAL, Marks, RingRadii
 
 
@@ -121,6 +125,7 @@ class Field:
         ]
         bars = [bar.__dict__ | {"codes": list(bar.codes)} for bar in self.scale_bars]
         sheet = {
+            "format": FORMAT,
             "bits": self.bits,
             "code_radii": self.code_radii,
             "white_on_black": self.white_on_black,
@@ -131,50 +136,119 @@ class Field:
             **({"wands": [asdict(wand) for wand in self.wands]} if self.wands else {}),
             **({"measuring_lines": [asdict(line) for line in self.measuring_lines]} if self.measuring_lines else {}),
         }
-        path.write_text(json.dumps(sheet, indent=1))
+        write_text(path, json.dumps(sheet, indent=1))
 
     @staticmethod
     @speaking("field sheet")
     def load(path: Path) -> "Field":
-        """Read what `save` wrote."""
-        sheet = json.loads(path.read_text())
-        boards = tuple(
-            NominalBoard(
-                b["name"],
-                Marks(
-                    np.column_stack([b["x_mm"], b["y_mm"]]).astype(float),
-                    np.array(b["diameter_mm"], float),
-                    np.array(b["code"], int),
-                    sheet["bits"],
-                ),
-                b["u_xy_mm"],
-                b["u_z_mm"],
-                BoardPattern(**b["pattern"]) if "pattern" in b else None,
-                (b["size_mm"][0], b["size_mm"][1]) if "size_mm" in b else None,
-                _pose(b["pose"]) if "pose" in b else None,
-            )
-            for b in sheet["boards"]
-        )
-        bars = tuple(
-            ScaleBar(b["name"], b["role"], (b["codes"][0], b["codes"][1]), b["length_mm"], b["u_length_mm"])
-            for b in sheet["scale_bars"]
-        )
-        radii = sheet.get("code_radii", USUAL)  # sheets of before there was a choice
-        if radii not in RADII:
-            raise ValueError(f"code_radii '{radii}' is none of {', '.join(RADII)}")
-        loose = {int(code): d for code, d in sheet["loose_diameter_mm"].items()}
-        wands = tuple(
-            Wand(w["name"], tuple(w["codes"]), tuple(w["at_mm"]), w.get("u_mm", 0.0)) for w in sheet.get("wands", ())
-        )
-        lines = tuple(
-            MeasuringLine(line["name"], tuple(line["codes"]), tuple(line["length_mm"]), line["u_length_mm"])
-            for line in sheet.get("measuring_lines", ())
-        )
-        return Field(sheet["bits"], boards, bars, loose, sheet["white_on_black"], sheet["u_scale"], radii, wands, lines)
+        """Read what `save` wrote. Raises `TestfieldError` where types, names, lengths or numbers are not such."""
+        sheet = checked(_Sheet, read_json(path))
+        boards = tuple(_board(b, sheet.bits) for b in sheet.boards)
+        bars = tuple(ScaleBar(b.name, b.role, b.codes, b.length_mm, b.u_length_mm) for b in sheet.scale_bars)
+        wands = tuple(Wand(w.name, w.codes, w.at_mm, w.u_mm) for w in sheet.wands)
+        lines = tuple(MeasuringLine(v.name, v.codes, v.length_mm, v.u_length_mm) for v in sheet.measuring_lines)
+        if sheet.code_radii not in RADII:
+            raise ValueError(f"code_radii '{sheet.code_radii}' is none of {', '.join(RADII)}")
+        for what, named in (("board", boards), ("bar", bars), ("wand", wands), ("measuring line", lines)):
+            unique([one.name for one in named], what)
+        return Field(
+            sheet.bits, boards, bars, dict(sheet.loose_diameter_mm), sheet.white_on_black, sheet.u_scale,
+            sheet.code_radii, wands, lines,
+        )  # fmt: skip
 
 
-def _pose(data: dict) -> CertifiedPose:
-    turn, t = (tuple(float(v) for v in data[key]) for key in ("turn_rad", "t_mm"))
-    if len(turn) != 3 or len(t) != 3:
-        raise ValueError("a board's pose needs three numbers in turn_rad and in t_mm")
-    return CertifiedPose(turn, t, float(data["u_turn_rad"]), float(data["u_mm"]))
+Millimetres = Annotated[float, pydantic.Field(ge=-LARGEST_MM, le=LARGEST_MM)]
+Length = Annotated[float, pydantic.Field(gt=0, le=LARGEST_MM)]
+Uncertainty = Annotated[float, pydantic.Field(ge=0, le=LARGEST_MM)]
+Triple = tuple[Millimetres, Millimetres, Millimetres]
+
+
+class _PoseSheet(Sheet):
+    turn_rad: Triple
+    t_mm: Triple
+    u_turn_rad: Uncertainty
+    u_mm: Uncertainty
+
+
+class _PatternSheet(Sheet):
+    kind: str
+    columns: Annotated[int, pydantic.Field(ge=1, le=1000)]
+    rows: Annotated[int, pydantic.Field(ge=1, le=1000)]
+    pitch_mm: Length
+    mark_mm: Uncertainty = 0.0
+    names: str = ""
+    first_tag: Count = 0
+
+
+class _BoardSheet(Sheet):
+    name: str
+    u_xy_mm: Uncertainty
+    u_z_mm: Uncertainty
+    x_mm: list[Millimetres]
+    y_mm: list[Millimetres]
+    diameter_mm: list[Uncertainty]
+    code: list[Count]
+    pattern: _PatternSheet | None = None
+    size_mm: tuple[Length, Length] | None = None
+    pose: _PoseSheet | None = None
+
+
+class _BarSheet(Sheet):
+    name: str
+    role: Literal["control", "check"]
+    codes: tuple[Count, Count]
+    length_mm: Length
+    u_length_mm: Uncertainty
+
+
+class _WandSheet(Sheet):
+    name: str
+    codes: tuple[Count, ...]
+    at_mm: tuple[Uncertainty, ...]
+    u_mm: Uncertainty = 0.0
+
+
+class _LineSheet(Sheet):
+    name: str
+    codes: tuple[Count, ...]
+    length_mm: tuple[Length, ...]
+    u_length_mm: Uncertainty
+
+    @pydantic.model_validator(mode="after")
+    def _as_many(self) -> "_LineSheet":
+        if len(self.codes) != len(self.length_mm) + 1:
+            raise ValueError(f"{len(self.codes)} codes and {len(self.length_mm)} lengths from the first")
+        return self
+
+
+class _Sheet(Sheet):
+    bits: Literal[8, 10, 12, 14, 16, 20]
+    code_radii: str = USUAL  # sheets of before there was a choice
+    white_on_black: bool
+    u_scale: Annotated[float, pydantic.Field(ge=0, le=1)]
+    boards: list[_BoardSheet]
+    scale_bars: list[_BarSheet]
+    loose_diameter_mm: dict[Count, Length]
+    wands: tuple[_WandSheet, ...] = ()
+    measuring_lines: tuple[_LineSheet, ...] = ()
+
+
+def _board(b: _BoardSheet, bits: int) -> NominalBoard:
+    n = len(b.x_mm)
+    if not n == len(b.y_mm) == len(b.diameter_mm) == len(b.code):
+        raise ValueError(f"board '{b.name}' has lists of different lengths")
+    if b.pattern is not None and b.size_mm is None:
+        raise ValueError(f"board '{b.name}' has a pattern and no size_mm")
+    pattern = None
+    if b.pattern is not None:
+        if b.pattern.kind not in (*SQUARES, *CIRCLES):
+            raise ValueError(f"board '{b.name}': no pattern is called '{b.pattern.kind}'")
+        if b.pattern.names:
+            dictionary(b.pattern.names)
+        pattern = BoardPattern(**b.pattern.model_dump())
+    pose = None if b.pose is None else CertifiedPose(**b.pose.model_dump())
+    marks = Marks(
+        np.column_stack([b.x_mm, b.y_mm]).astype(float).reshape(n, 2), np.array(b.diameter_mm, float),
+        np.array(b.code, int), bits,
+    )  # fmt: skip
+    return NominalBoard(b.name, marks, b.u_xy_mm, b.u_z_mm, pattern, b.size_mm, pose)

@@ -1,19 +1,19 @@
 """What a person writes of a field that was photographed: its targets, and what is certified of it (TOML)."""
 
 import json
-import tomllib
 from pathlib import Path
 from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from testfield.errors import TestfieldError
+from testfield.store.toml import parse_toml, read_toml
 
 Triple = tuple[float, float, float]
 
 
 class _Part(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 class TargetPart(_Part):
@@ -86,14 +86,7 @@ class FieldFile(_Part):
 
 def load_field_file(path: Path) -> FieldFile:
     """Read a field file. Raises `TestfieldError` that names the file, the field and the value."""
-    try:
-        data = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
-    except OSError as error:
-        raise TestfieldError(
-            f"cannot be read ({error.strerror})", str(path), "give a field file with --field"
-        ) from error
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise TestfieldError(f"not valid TOML ({error})", str(path), "see scenes/README.md") from error
+    data = parse_toml(read_toml(path, "field file"), str(path))
     try:
         return FieldFile.model_validate(data)
     except ValidationError as error:

@@ -1,0 +1,121 @@
+"""Reading JSON and Parquet that somebody may have damaged: types, names, shapes and finiteness, once, at the door.
+
+Everything here raises `ValueError` that says which part is wrong; `errors.speaking` adds the file's name to it.
+"""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from testfield.store.text import read_text
+
+FORMAT = 1
+"""The version that is written into files; files from before there was one are of version 1."""
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Size = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Count = Annotated[int, Field(ge=0, le=2**53)]
+Code = Annotated[int, Field(ge=-(2**53), le=2**53)]
+LARGEST_MM = 1e9
+
+
+class Sheet(BaseModel):
+    """A table of a JSON file that holds these fields and no others."""
+
+    model_config = ConfigDict(extra="forbid", strict=False)
+
+
+class OpenSheet(BaseModel):
+    """A table of a JSON file that may hold more than these fields."""
+
+    model_config = ConfigDict(extra="allow")
+
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """The table in a JSON file of a version that this program knows."""
+    data = json.loads(read_text(path))
+    if not isinstance(data, dict):
+        raise ValueError("no table")
+    version = data.pop("format", FORMAT)
+    if version not in range(1, FORMAT + 1):
+        raise ValueError(f"format {version!r} is not known, only {FORMAT}")
+    return data
+
+
+def checked(model: type[Model], data: Any) -> Model:
+    """A table as its model."""
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        place = ".".join(str(part) for part in first["loc"])
+        raise ValueError(f"{place}: {first['msg'][0].lower()}{first['msg'][1:]}") from error
+
+
+def array(value: Any, name: str, *shape: int | None, kind: type = float) -> np.ndarray:
+    """A finite array of a shape, None for any length. An empty list is an array of nothing."""
+    try:
+        found = np.asarray(value if len(value) else np.zeros([n or 0 for n in shape]))
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name} is no regular list of numbers") from error
+    if found.dtype.kind not in "iuf" or (kind is int and found.dtype.kind == "f" and found.size):
+        raise ValueError(f"{name} holds what is no {'whole ' if kind is int else ''}number")
+    if found.ndim != len(shape) or any(want not in (None, n) for want, n in zip(shape, found.shape, strict=True)):
+        raise ValueError(
+            f"{name} is of shape {list(found.shape)} instead of {['n' if n is None else n for n in shape]}"
+        )
+    found = found.astype(kind)
+    if not np.isfinite(found).all():
+        raise ValueError(f"{name} holds what is not finite")
+    return found
+
+
+def covariance(value: Any, name: str, size: int) -> np.ndarray:
+    """A covariance (size, size): finite, symmetric, with variances of zero or more."""
+    found = array(value, name, size, size)
+    if size and (np.diag(found).min() < 0 or np.abs(found - found.T).max() > 1e-6 * np.abs(found).max()):
+        raise ValueError(f"{name} is no covariance")
+    return found
+
+
+def unique(names: Any, what: str) -> None:
+    """Refuse names that occur twice."""
+    names = list(names)
+    if len(set(names)) < len(names):
+        twice = next(name for k, name in enumerate(names) if name in names[:k])
+        raise ValueError(f"{what} '{twice}' occurs twice")
+
+
+def read_columns(path: Path, kinds: Mapping[str, str]) -> tuple[dict[str, Any], dict[str, str]]:
+    """Columns of a Parquet file by name, and its notes. `kinds` of NumPy: "f" finite numbers, "n" numbers that may be
+    NaN, "i" whole numbers, "O" lists of numbers. There may be more columns, but no nulls in these."""
+    import pyarrow.parquet as pq
+
+    table = pq.read_table(path, columns=None)
+    notes = {k.decode(): v.decode() for k, v in (table.schema.metadata or {}).items() if k != b"ARROW:schema"}
+    version = notes.get("format", str(FORMAT))
+    if version not in [str(k) for k in range(1, FORMAT + 1)]:
+        raise ValueError(f"format {version!r} is not known, only {FORMAT}")
+    columns: dict[str, Any] = {}
+    for name, kind in kinds.items():
+        if table.column_names.count(name) != 1:
+            raise ValueError(f"there is no column '{name}', or more than one")
+        column = table[name]
+        if column.null_count:
+            raise ValueError(f"column '{name}' has nulls")
+        values = column.to_numpy(zero_copy_only=False)
+        if kind == "O":
+            columns[name] = [np.asarray(row, float) for row in values]
+        elif kind == "n":
+            columns[name] = values.astype(float)
+        else:
+            columns[name] = array(values, f"column '{name}'", None, kind={"f": float, "i": int}[kind])
+    return columns, notes
