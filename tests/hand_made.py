@@ -115,7 +115,7 @@ def _views() -> Views:
 
 ROWS: tuple[tuple, ...] = (
     # station, code, board, point; at the image of which mark; off it by, in 0.01 px; cov in 1e-4 px^2 (xx, xy, yy)
-    (0, 0, 0, 0, 0, (3, 4), (4, 0, 4)),
+    (0, 0, 0, 0, 0, (-3, -4), (4, 0, 4)),
     (0, 0, 0, 1, 1, (-1, 0), (1, 0, 1)),
     (0, 1, 0, 4, 4, (0, 2), (2, 1, 2)),
     (0, 2, 0, 5, 3, (0, 0), (1, 0, 1)),  # a wrong code: number 2 at the image of dot 3
@@ -133,7 +133,7 @@ ROWS: tuple[tuple, ...] = (
     (1, 0, 0, 0, 0, (2, 1), (1, 0, 1)),
     (1, 24, -1, -1, 17, (0, 0), (1, 0, 1)),
     (1, 0, 2, 1, 9, (0, 0), (1, 0, 1), "saturated"),
-    (1, 25, -1, -1, 18, (4, -3), (25, 0, 25)),
+    (1, 25, -1, -1, 18, (-4, 3), (25, 0, 25)),
 )
 
 
@@ -202,12 +202,12 @@ def _points() -> Points:
         else:
             xyz.append(true + np.array(moved.get(code, (0, 0, 0)), float))
     check = np.array([code in CHECKS for code in order])
-    # Check points: 2 um each and sqrt(5) um in common. Ends of bars: sqrt(8) um, so 4 um for a length.
-    among = np.diag(np.where(check, 4e-6, 8e-6)) + 5e-6 * np.outer(check, check)
+    # Check points: 2 um each, and in common sqrt(5) um in x and y, sqrt(12) um in z: 3, 3 and 4 um together.
+    # Ends of bars: sqrt(8) um, so 4 um for a length.
+    each, common = np.diag(np.where(check, 4e-6, 8e-6)), np.outer(check, check).astype(float)
+    covariance = np.kron(each, np.eye(3)) + np.kron(common, np.diag([5e-6, 5e-6, 12e-6]))
     n = len(order)
-    return Points(
-        "hand", np.array(order), np.array(xyz), np.kron(among, np.eye(3)), np.full(n, 2), np.zeros(n), np.zeros(n, int)
-    )
+    return Points("hand", np.array(order), np.array(xyz), covariance, np.full(n, 2), np.zeros(n), np.zeros(n, int))
 
 
 @dataclass
