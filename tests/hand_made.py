@@ -33,6 +33,8 @@ BARS = {31: (0, 0, 2000), 32: (900.001, 0, 2000), 33: (0, 0, 3000), 34: (0, 700.
         36: (0, 0, 4499.999), 37: (0, 0, 6000), 38: (0, 300, 6000)}  # fmt: skip
 LOOSE = {code: np.array(xyz, float) for code, xyz in (CHECKS | BARS).items()}
 DOT_PX = 20.0
+_STATIONS = Poses(np.array([np.eye(3)] * 2), np.array([[0.0, 0, 5000], [500, 0, 5000]]))
+"""Camera-from-datum."""
 
 
 @dataclass(frozen=True)
@@ -86,10 +88,9 @@ def _world() -> World:
     )
     sheet = Field(14, tuple(sheets), bars, dict.fromkeys(LOOSE, 10.0))
     interior = Interior(1000, 800, np.array([1000.0, 1000, 499.5, 399.5, 0, 0, 0, 0, 0]))
-    stations = Poses(np.array([np.eye(3)] * 2), np.array([[0.0, 0, 5000], [500, 0, 5000]]))
     return World(
-        "by hand", 1, 5000.0, panels, marks, boards, ("left", "right"), stations.after(datum.inverse()),
-        interior, 0.6, (), 0.5, sheet,
+        "by hand", 1, 5000.0, panels, marks, boards, ("left", "right"),
+        _STATIONS.after(Poses.join([datum, datum]).inverse()), interior, 0.6, (), 0.5, sheet,
     )  # fmt: skip
 
 
@@ -180,7 +181,7 @@ def _calibration(world: World) -> Calibration:
     )
     return Calibration(
         "hand", world.interior.with_parameters(np.array([1001.0, 1001, 499.8, 399.5, 0, 0, 0, 0, 0])),
-        world.station_name, Poses.identity(2), ("A", "C", "B"), boards, 1.000035, covariance, labels, 1.05, 250, 0.123,
+        world.station_name, _STATIONS, ("A", "C", "B"), boards, 1.000035, covariance, labels, 1.05, 250, 0.123,
         321, rejected, np.array([[500.0, 400.0]] * 3), np.array([[0.1, 0.0]] * 3),
         (("left", "A", 6), ("right", "B", 4), ("left", "C", 2)), ("a note",), joints, quality, test,
     )  # fmt: skip

@@ -154,7 +154,7 @@ BY_HAND: dict[str, object] = {
 
 @pytest.fixture(scope="module")
 def folder(by_hand: HandMade, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run's folder with the files that are scored, the scorecard and the page."""
+    """A run's folder with the files that are scored, and the scorecard."""
     place = tmp_path_factory.mktemp("by_hand")
     names = [place / name for name in ("observations.parquet", "calibration.json", "points.parquet")]
     by_hand.observations.save(names[0])
@@ -162,9 +162,15 @@ def folder(by_hand: HandMade, tmp_path_factory: pytest.TempPathFactory) -> Path:
     by_hand.points.save(names[2])
     card = scorecard(by_hand.world, by_hand.views, *names)
     write_scorecard(card | {"time_s": {"render": 1.5, "detect": 2.25}}, place / "scorecard.json")
-    (place / "frames").mkdir()
+    return place
+
+
+@pytest.fixture(scope="module")
+def page(by_hand: HandMade, folder: Path) -> Page:
+    """The page of that folder."""
+    (folder / "frames").mkdir()
     grey = np.random.default_rng(1).integers(100, 4000, (800, 1000)).astype(np.uint16)
-    Frame("left", grey, SensorSheet(2.6, 2.3, 64.0, 12)).save(place / "frames/left.png")
+    Frame("left", grey, SensorSheet(2.6, 2.3, 64.0, 12)).save(folder / "frames/left.png")
     notes = {
         "command": "testfield run x.toml", "seed": 7, "versions": {"testfield": "0.1.0", "numpy": "2.3"},
         "machine": "a machine", "warnings": ["a warning"],
@@ -172,12 +178,7 @@ def folder(by_hand: HandMade, tmp_path_factory: pytest.TempPathFactory) -> Path:
                    "right": {"mode": "sampled", "samples": 60, "noise": 0.006, "over_target": 0.03}},
     }  # fmt: skip
     scene = load_scene(QUICK)
-    write_report(by_hand.world, by_hand.views, scene, place, notes, place / "report.html")
-    return place
-
-
-@pytest.fixture(scope="module")
-def page(folder: Path) -> Page:
+    write_report(by_hand.world, by_hand.views, scene, folder, notes, folder / "report.html")
     return Page((folder / "report.html").read_text(encoding="utf-8"))
 
 

@@ -3,6 +3,7 @@
 import ast
 import re
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 HOLE = re.compile(r"__[a-z]+__")
@@ -57,12 +58,17 @@ def _in_python(defect: Defect, root: Path) -> list[Planted]:
         text = path.read_text(encoding="utf-8")
         if last not in text:
             continue
-        tree = ast.parse(text)
+        tree = _tree(text)
         for node in (part for place in _places(tree, defect.within) for part in ast.walk(place)):
             holes: dict[str, ast.AST] = {}
             if alike(shape, node, holes):
                 found.append(Planted(path, _replaced(text, node, put, holes)))
     return found
+
+
+@cache
+def _tree(text: str) -> ast.Module:
+    return ast.parse(text)
 
 
 def _places(tree: ast.Module, within: str) -> list[ast.AST]:
