@@ -41,9 +41,9 @@ def main() -> int:
             import_module(name)
     start = time.perf_counter()
     with get_context("fork").Pool(args.jobs, maxtasksperchild=1) as pool:
+        results, planted = [], pool.imap(_of_defect, chosen)
         clean = pool.apply_async(_run, (None, sorted({d.test for d in chosen})))
-        results = []
-        for d, (status, seconds) in zip(chosen, pool.imap(_of_defect, chosen), strict=True):
+        for d, (status, seconds) in zip(chosen, planted, strict=True):
             results.append((d, status))
             said = {GREEN: "GREEN", RED: "red"}.get(status, "BROKEN")
             print(f"{said:<7}{seconds:6.1f} s  {d.name:<64}  {d.test.rpartition('/')[2]}", flush=True)
