@@ -207,8 +207,8 @@ VARIANTS: dict[str, dict[str, Any]] = {
             {
                 "generator": "on_mesh",
                 "mesh": "hull",
-                "first_code": 235,
-                "count": 2,
+                "first_code": 300,
+                "count": 12,
                 "facing": [0, -1, 0.2],
                 "diameter_mm": 6,
             }
@@ -461,10 +461,10 @@ TABLE: dict[str, list[Change]] = {
     ],
     "ambient": [("room.ambient_w_m2_sr", 0.6, (R,))],
     "stuck": [
-        ("check_targets.0.count", 3, ALL),
-        ("check_targets.0.spacing_mm", 200, (R,)),
-        ("check_targets.0.facing", [0.3, -1, 0.2], (R,)),
-        ("check_targets.0.within_deg", 20, (R,)),
+        ("check_targets.0.count", 13, ALL),
+        ("check_targets.0.spacing_mm", 100, (R,)),
+        ("check_targets.0.facing", [0, 1, 0], (R,)),
+        ("check_targets.0.within_deg", 180, (R,)),
         ("check_targets.0.seed", 1, (R,)),
     ],
     "global": [("exposure.shutter", "rolling", ())],  # all rows still begin together
@@ -586,7 +586,7 @@ def test_a_mesh_counts_by_what_is_in_its_file(place: Path) -> None:
     assert same[R] == old[R] and same["score"] != old["score"]
     import trimesh
 
-    trimesh.creation.box((900.0, 200, 300)).export(place / "meshes/box.stl")
+    trimesh.creation.box((900.0, 200, 400)).export(place / "meshes/box.stl")
     box = keys_of(parsed(changed(table_of("base"), {"meshes.0.file": "meshes/box.stl"}), place))
     assert {stage for stage in old if box[stage] != old[stage]} == {R, "score", "report"}
 
