@@ -1,4 +1,4 @@
-.PHONY: demo test test-all torture check setup clean
+.PHONY: demo test test-all torture check mutants mutation setup clean
 
 demo: setup
 	.venv/bin/testfield run scenes/stitched_wall.toml
@@ -12,6 +12,19 @@ test-all: setup check
 torture: setup
 	.venv/bin/python tests/torture/run.py
 
+# Defects that were planted by hand: each must turn the test red that it names (tests/mutants/README.md).
+mutants: setup
+	.venv/bin/python tests/mutants/run.py
+
+# Every defect that cosmic-ray knows, over the rooms that score, judge and key; hours. The source is copied first.
+mutation: setup
+	.venv/bin/python -m pip install --quiet --disable-pip-version-check -c .ci/constraints.txt -e '.[mutation]'
+	rm -rf .mutation && mkdir .mutation && cp -r src tests scenes pyproject.toml Makefile .mutation/
+	cd .mutation && ../.venv/bin/cosmic-ray init pyproject.toml session.sqlite
+	cd .mutation && PYTHONPATH=src ../.venv/bin/cosmic-ray exec pyproject.toml session.sqlite
+	cd .mutation && ../.venv/bin/cr-report session.sqlite --surviving-only --show-diff
+	cd .mutation && ../.venv/bin/cr-rate session.sqlite --fail-over 10
+
 check: setup
 	.venv/bin/ruff format --check src tests
 	.venv/bin/ruff check src tests
@@ -21,4 +34,4 @@ setup:
 	@.ci/setup
 
 clean:
-	rm -rf .venv .mypy_cache .ruff_cache .pytest_cache
+	rm -rf .mutation .venv .mypy_cache .ruff_cache .pytest_cache

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pytest
+from hand_made import HandMade, hand_made
 
 from testfield.chain.run import Run, begin
 from testfield.chain.stages import STAGES, run_stage
@@ -17,3 +18,9 @@ def quick(tmp_path_factory: pytest.TempPathFactory) -> Run:
     for name in STAGES:
         run_stage(run, name)
     return run
+
+
+@pytest.fixture(scope="session")
+def by_hand() -> HandMade:
+    """A field whose errors are known by hand. Read it, do not change it."""
+    return hand_made()

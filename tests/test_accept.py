@@ -236,10 +236,12 @@ def test_the_tests_own_uncertainty_makes_three_answers() -> None:
     for dl, answer in ((0.01, "shown"), (0.019, "open"), (0.021, "open"), (0.03, "refuted")):
         judged = judge(_lengths(length, np.array([0.0, dl]), u_calibrated_mm=0.002), Limit(0.02))
         assert judged["with_test_uncertainty"] == answer
+        assert judged["verdict"] == ("passed" if dl <= 0.02 else "failed")
         assert limit_of(judged) == Limit(0.02)
     for limit in (Limit(0.02, 3), Limit(0.02, 3, 0.03), Limit(0.02, 3, 0.0)):  # at most 0 is a limit too
-        assert limit_of(judge(_lengths(length, np.zeros(2)), limit)) == limit
-        assert judged["verdict"] == ("passed" if dl <= 0.02 else "failed")
+        judged = judge(_lengths(length, np.zeros(2)), limit)
+        assert limit_of(judged) == limit
+        assert judged["verdict"] == "passed"
 
 
 def test_flatness_is_the_range_about_the_plane_however_it_lies() -> None:

@@ -4,10 +4,15 @@ import sys
 import time
 from pathlib import Path
 
+import cv2
+import numpy as np
+import pandas as pd
 import pytest
 
 from testfield.chain.run import Run
 from testfield.cli.main import main
+from testfield.study.cases import Case
+from testfield.study.study import Findings, Study, Table
 
 SCENES = Path(__file__).parents[1] / "scenes"
 
@@ -70,10 +75,102 @@ def test_each_stage_alone_says_that_all_is_up_to_date(quick: Run, capsys: pytest
 def test_preview_draws_a_picture(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     picture = tmp_path / "preview.png"
     assert main(["preview", str(SCENES / "quick.toml"), "--out", str(picture)]) == 0
-    assert picture.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+    drawn = cv2.imread(str(picture))
+    assert drawn.shape[0] > 300 and drawn.shape[1] > 600
+    ink = (drawn.min(axis=2) < 128).mean(axis=0)
+    # Lines and labels, in every fifth of the width and nowhere all over it.
+    assert all(0.001 < part.mean() < 0.5 for part in np.array_split(ink, 5))
 
 
 @pytest.mark.parametrize("scene", sorted(SCENES.glob("*.toml")), ids=lambda p: p.stem)
 def test_every_scene_that_is_shipped_is_valid(scene: Path, capsys: pytest.CaptureFixture) -> None:
     assert main(["validate", str(scene)]) == 0
     assert "valid" in capsys.readouterr().out
+
+
+def test_codes_lists_counts_a_table_and_sets(capsys: pytest.CaptureFixture) -> None:
+    assert main(["codes"]) == 0
+    counts = [line.split()[::2] for line in capsys.readouterr().out.splitlines()[:6]]
+    assert [row[:2] for row in counts] == [["8", "13"], ["10", "42"], ["12", "147"], ["14", "516"], ["16", "1861"],
+                                           ["20", "24793"]]  # fmt: skip
+    assert main(["codes", "--bits", "14"]) == 0
+    table = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert table[3][:2] == ["3", "00000010001011"] and table[13][:2] == ["13", "00000010110001"] and len(table) == 517
+    # Read the other way round, number 3 (1000 1011) is the one that shows 1101 0001.
+    assert table[3][2] == next(row[0] for row in table[1:] if row[1] == "00000011010001")
+    assert main(["codes", "--bits", "12", "--json"]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert (answer["bits"], answer["count"], answer["words"][0]) == (12, 147, "000001000001")
+    assert main(["codes", "--bits", "14", "--choose", "6", "--json"]) == 0
+    chosen = json.loads(capsys.readouterr().out)
+    words = [f"{int(number)}" for number in chosen["numbers"]]
+    assert len(set(words)) == 6 and chosen["least_distance"] >= 2
+    assert main(["codes", "--bits", "13"]) == 2 and "13" in capsys.readouterr().err
+    assert main(["codes", "--bits", "8", "--choose", "500"]) == 2 and "--choose" in capsys.readouterr().err
+
+
+def _square(case: Case, run: Run | None) -> list[dict]:
+    return [{"square": case.labels["n"] ** 2}]
+
+
+def test_a_study_is_done_and_told_through_the_command_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    def read(table: pd.DataFrame) -> Findings:
+        return Findings("It holds.", ["Squares grow."], [Table("All", table)], [], {"largest": table["square"].max()})
+
+    study = Study("squares", "Squares", "They grow.",
+                  lambda quick: [Case({"n": n}, f"{__name__}:_square") for n in range(2 if quick else 4)],
+                  read)  # fmt: skip
+    monkeypatch.setattr("testfield.study.studies.find_study", {"squares": study}.__getitem__)
+    for more, largest in ((["--quick"], 1), ([], 9)):
+        assert main(["study", "squares", "--out", str(tmp_path), "--jobs", "1", "--json", *more]) == 0
+        found = json.loads(capsys.readouterr().out)
+        assert (found["verdict"], found["figures"], found["failed"]) == ("It holds.", {"largest": largest}, 0)
+    assert main(["study", "squares", "--out", str(tmp_path), "--so-far"]) == 0
+    said = capsys.readouterr().out
+    assert "It holds." in said and "Squares grow." in said and str(tmp_path / "report.html") in said
+    monkeypatch.undo()
+    assert main(["study", "no-such", "--out", str(tmp_path)]) == 2
+    assert "no-such" in capsys.readouterr().err
+
+
+def test_bench_prints_what_was_counted(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:
+    from testfield.bench.recall import Recall
+
+    asked: list[tuple] = []
+    counted = Recall(3, 900, 800, 796, 795, 1, 2, 5, 0)
+    counted.missed["disturbed"] = 4
+    counted.clear_by_tilt["0-20"], counted.found_by_tilt["0-20"] = 400, 399
+
+    def bench_recall(*arguments: object) -> dict:
+        asked.append(arguments[:2])
+        return counted.figures()
+
+    monkeypatch.setattr("testfield.bench.recall.bench_recall", bench_recall)
+    assert main(["bench", "recall", "--quick"]) == 0
+    lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
+    assert asked == [(1000, 5)]
+    figures = [line.rsplit(" (asked", 1)[0].rsplit(" ", 1)[1] for line in lines[:4]]
+    assert figures == ["99.5", "99.87", "1", "0"]
+    assert [line.split()[0] for line in lines[:4]] == ["met", "missed", "missed", "met"]
+    assert any(line.endswith(": 2") for line in lines) and any("399 found of 400" in line for line in lines)
+    assert any(line.split()[2:] == ["4", "disturbed"] for line in lines)
+    assert main(["bench", "recall", "--targets", "7", "--empty", "2", "--json"]) == 0
+    assert asked[-1] == (7, 2) and json.loads(capsys.readouterr().out)["found_percent"] == 99.5
+    assert main(["bench", "claims", "--trials", "1"]) == 2
+    assert "--trials" in capsys.readouterr().err
+
+
+def test_claims_are_printed_as_they_are_summed(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:
+    group = {"nees": 1.25, "nees_band_95": [0.9, 1.1], "coverage_95": 0.935, "regions": 400}
+    figures = {"camera": group, "boards": group | {"nees": 0.5}, "check_points": group, "rmse_mm": 0.012,
+               "mean_u_mm": 0.01, "rmse_over_u": 1.2, "sigma0": 1.0125}  # fmt: skip
+    monkeypatch.setattr("testfield.bench.claims.over_worlds", lambda *_: figures)
+    assert main(["bench", "claims", "--scene", str(SCENES / "quick.toml")]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    for line, shown in zip(
+        lines, ("1.250 (band 0.900 to 1.100)", "0.500 (band", "93.5 % of 400", "= 1.200"), strict=True
+    ):
+        assert shown in line
+    assert "0.01200 mm over claimed u 0.01000 mm" in lines[3] and "1.0125" in lines[3]

@@ -159,6 +159,11 @@ def test_the_path_tracer_sees_the_same_board() -> None:
     # Light between panels is missing in the one; what edges are where is the same.
     smooth = [cv2.GaussianBlur(v, (0, 0), 1.5) for v in (fast, path)]
     assert np.corrcoef(smooth[0].ravel(), smooth[1].ravel())[0, 1] > 0.998
+    # By how far one is shifted against the other, in x and y: least squares on the picture's own gradient.
+    gradient = np.stack([np.gradient(smooth[0], axis=axis)[8:-8, 8:-8].ravel() for axis in (1, 0)])
+    columns = np.column_stack([*gradient, smooth[0][8:-8, 8:-8].ravel(), np.ones(gradient.shape[1])])
+    shift = np.linalg.lstsq(columns, smooth[1][8:-8, 8:-8].ravel().astype(float))[0][:2]
+    assert np.abs(shift).max() < 0.02
 
 
 def test_a_rendered_charuco_board_is_read_by_opencv_with_all_its_corners() -> None:

@@ -94,20 +94,20 @@ def test_a_point_light_is_the_inverse_square_law_and_the_cosine() -> None:
 
 
 def test_a_point_lights_shadow_is_as_sharp_as_a_cell_and_where_geometry_puts_it() -> None:
-    plain = world_of(point_lights=(PointLight(np.array([0.0, 0.0, 1000.0]), 5.0),))
+    """A half plane at half the light's height, over x > 50 mm; the light stands over x = 150 mm, so the shadow begins
+    at x = -50 mm, which is the middle of pixel 22. The half plane itself hides the board from x = 67 mm on only."""
+    plain = world_of(point_lights=(PointLight(np.array([150.0, 0.0, 1000.0]), 5.0),))
     p = plain.panels
-    # A half plane at half the light's height over x > 50 casts its edge to x = 100, which is pixel 32 + 20.
     screen = Poses(np.eye(3)[None], np.array([[450.0, 0.0, 500.0]]))
     panels = Panels(
         ("A", "screen"), Poses.join([p.world_from_panel, screen]), np.array([[900.0, 900.0], [800.0, 900.0]]),
         np.array([GROUND, 0.0]), np.array([INK, 0.0]),
     )  # fmt: skip
-    image = render_fast(build_stage(replace(plain, panels=panels)), Irradiance.even(2, 0.0), 0, 8).values
-    row = image[8, :]
-    lit = image[8, ::-1]
-    share = row / np.where(lit > 0, lit, 1)
-    assert share[47] == pytest.approx(1, abs=0.01) or share[43] == pytest.approx(1, abs=0.01)
-    assert (row[55:] == 0).all()
+    shaded = render_fast(build_stage(replace(plain, panels=panels)), Irradiance.even(2, 0.0), 0, 8).values
+    share = shaded[8] / render_fast(build_stage(plain), Irradiance.even(1, 0.0), 0, 8).values[8]
+    assert share[:22] == pytest.approx(np.ones(22), abs=1e-3)
+    assert share[22] == pytest.approx(0.5, abs=1 / 16)  # eight cells a pixel
+    assert (share[23:] == 0).all()
 
 
 def test_the_flash_on_axis_is_intensity_over_distance_squared() -> None:

@@ -228,9 +228,10 @@ def test_true_disc_images_give_the_true_camera(quick_world: tuple) -> None:
     points = gls(observations, calibration, world.field)
     score = score_points(world, calibration, points)
     length = next(b for b in score_lengths(world, calibration, points)["bars"] if b["role"] == "control")
-    # Only the bar's own error is left: it makes the scale.
-    off = abs(length["error_mm"]) / length["true_mm"]
-    assert np.abs(score.fitted_mm).max() < 2 * off * 1000 + 1e-4
+    # Only the bar's own error is left: it makes the scale, of every point's distance from the middle of all.
+    off = length["certified_mm"] / length["true_mm"] - 1
+    reach = np.linalg.norm(score.true_mm - score.true_mm.mean(axis=0), axis=1)
+    assert np.linalg.norm(score.fitted_mm, axis=1) == pytest.approx(abs(off) * reach, abs=1e-4)
     assert score.card()["rmse_unfitted_mm"] is None
     taken_for_centres = self_calibration(replace(observations, centre_of_disc=False), world.field, 1280, 1024)
     wrong = interior_difference(world.interior, taken_for_centres.interior, world.interior.corners_px)

@@ -1,3 +1,4 @@
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -243,3 +244,21 @@ def test_filters_that_pass_everything_change_nothing() -> None:
 def test_a_scene_refuses_a_sensor_that_cannot_be(wrong: dict[str, object]) -> None:
     with pytest.raises(ValidationError):
         SensorPart.model_validate(wrong)
+
+
+@pytest.mark.parametrize("mean_e", [0.3, 1.0, 4.0])
+def test_few_photons_come_as_poisson_counts_and_not_as_normal_ones(mean_e: float) -> None:
+    """Counts of a sensor that shows each electron, against e^-m m^k / k! by chi-squared; a normal law would fail."""
+    each = Sensor(3.45, 8.0, 24.0, 550.0, 0.63, 1e6, 0.0, 1.0, 10, 16)
+    radiance = Radiance("s", np.full((200, 200), mean_e / each.electrons_per_radiance, np.float32))
+    counts = np.bincount(expose(radiance, each, 3).pixels_dn.ravel() - 10, minlength=30)
+    k = np.arange(12)
+    expected = 40_000 * math.exp(-mean_e) * np.array([mean_e**n / math.factorial(n) for n in k])
+    shown = expected > 5
+    chi2 = float(((counts[:12] - expected)[shown] ** 2 / expected[shown]).sum())
+    freedom = int(shown.sum()) - 1
+    assert chi2 < freedom + 5 * math.sqrt(2 * freedom)
+    # The pixels of a normal law of the same mean and variance, rounded and cut off at nothing.
+    law = np.clip(np.rint(np.random.default_rng(1).normal(mean_e, mean_e**0.5, 40_000)), 0, 29).astype(int)
+    normal = float(((np.bincount(law, minlength=30)[:12] - expected)[shown] ** 2 / expected[shown]).sum())
+    assert normal > freedom + 50 * math.sqrt(2 * freedom)

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -117,9 +118,21 @@ def test_taking_the_disc_for_its_centre_turns_this_red(perfect: tuple[World, Vie
 
 def test_the_true_observations_score_perfectly(perfect: tuple[World, Views]) -> None:
     world, views = perfect
-    card = score_detection(world, views, observe(world, views, discs=True)).card()
-    assert card["centre_rms_px"] == 0
+    observed = observe(world, views, discs=False)
+    fx, fy, cx, cy, k1, k2, k3, p1, p2 = world.interior.parameters
+    K, lens = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]]), np.array([k1, k2, p1, p2, k3])
+    _, mark = np.nonzero((views.visible == 1) & (views.obliquity_deg < 75))
+    by_opencv = np.empty_like(observed.xy_px)
+    for s in range(len(world.station_name)):
+        here = observed.station == s
+        pose = cv2.Rodrigues(world.camera_from_world.R[s])[0], world.camera_from_world.t_mm[s]
+        by_opencv[here] = cv2.projectPoints(world.mark_world_mm[mark[here]], *pose, K, lens)[0][:, 0]
+    card = score_detection(world, views, replace(observed, xy_px=by_opencv)).card()
+    assert card["centre_worst_px"] < 1e-6
+    assert card["measured"] == len(observed)
     assert card["false"] == card["wrong_code"] == card["wrong_dot"] == 0
+    off = score_detection(world, views, replace(observed, xy_px=by_opencv + [0.003, -0.004])).card()
+    assert off["centre_bias_px"] == pytest.approx(0.005, abs=1e-6)
 
 
 def test_methods_agree_on_perfect_observations(perfect: tuple[World, Views]) -> None:

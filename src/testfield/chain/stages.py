@@ -1,6 +1,5 @@
 """The stages in order. Each keeps what it made as long as everything it was made from is the same."""
 
-import os
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import asdict
@@ -8,13 +7,20 @@ from pathlib import Path
 from typing import Any
 
 from testfield.chain.belongs import check_truth, exposed_world, rendered_world, world_of
-from testfield.chain.code import code_digest
+from testfield.chain.keys import (
+    calibrate_key,
+    detect_key,
+    expose_key,
+    reconstruct_key,
+    render_keys,
+    report_key,
+    score_key,
+)
 from testfield.chain.progress import bar
 from testfield.chain.run import Run
 from testfield.errors import TestfieldError
-from testfield.registry import module_of
 from testfield.seeds import seed_of
-from testfield.store.digests import digest, file_digest
+from testfield.store.digests import file_digest
 from testfield.store.pool import process_pool
 from testfield.store.threads import one_blas_thread
 
@@ -25,27 +31,9 @@ Made = tuple[int, int]
 def render(run: Run) -> Made:
     """Radiance of every station, and the light on every panel that they share."""
     world, settings = run.world, run.scene.render
-    renderers = ("view", "irradiance", "stage")
-    code = code_digest(*[f"testfield.render.{name}" for name in renderers], "testfield.seeds")
-    shapes = (world.panels, world.marks, world.dirt, world.prints, world.field.bits, world.meshes)
-    materials = (world.retro, world.gloss, world.luminous_radiance)
-    lights = (world.lights, world.point_lights, world.ambient_radiance, world.sky)
-    surroundings = (shapes, lights, materials)
-    # Only what is sampled depends on how far and with which random numbers.
-    sampling = (settings.noise_target, settings.most_samples, world.seed) if world.gloss else ()
-    device = os.environ.get("TESTFIELD_VARIANT", "") + os.environ.get("TESTFIELD_LLVM_TARGET", "")
-    light_key = digest(code, device, surroundings, settings.light_spacing_mm, settings.light_paths, world.seed)
     fast = settings.mode == "fast"
-    keys = {}
-    for k, name in enumerate(run.stations):
-        lens = (world.interior, world.psf_sigma_px, world.optics, world.flash)
-        view = (lens, world.camera_from_world[slice(k, k + 1)], world.motion if world.motion.moves else None)
-        how = (
-            (light_key, settings.cells, settings.blur_shots, sampling, world.seed if world.flash else 0)
-            if fast
-            else (surroundings, settings.samples, world.seed)
-        )
-        keys[name] = digest(code, device, settings.mode, view, how)
+    made_from = render_keys(run.scene, world)
+    light_key, keys = made_from.light, made_from.images
     shown = rendered_world(run.scene)
     stale = [k for k, name in enumerate(run.stations) if not run.ledger.fresh(f"radiance/{name}.exr", keys[name])]
     for name in {name for k, name in enumerate(run.stations) if k not in stale}:
@@ -92,13 +80,12 @@ def expose(run: Run) -> Made:
 
     scene = run.scene
     sensor = sensor_of(scene)
-    code = code_digest("testfield.sensor.expose")
     size = (scene.camera.height_px, scene.camera.width_px)
     refuse_frames_of_others(run)
     work = []
     for name in run.stations:
         source = run.need(f"radiance/{name}.exr", "render")
-        key = digest(code, file_digest(source), sensor, scene.seed, name)
+        key = expose_key(scene, name, file_digest(source))
         pair = frame_names(name)
         rendered = world_of(run, [f"radiance/{name}.exr"])
         world = exposed_world(scene, rendered) if rendered else ""
@@ -152,16 +139,13 @@ def _expose_one(work: tuple) -> tuple[dict[str, Path], str, str]:
 
 def detect(run: Run) -> Made:
     """Observations of all frames together."""
-    from testfield.detect.detect import ROUGH
     from testfield.detect.observations import Observations
 
     measure, camera = run.scene.measure, run.scene.camera
     sources = [run.need(f"frames/{name}.png", "expose") for name in run.stations]
     sheets = [run.need(f"frames/{name}.json", "expose") for name in run.stations]
-    modules = {module_of("centroids", name) for name in (measure.centroid, ROUGH)}
-    code = code_digest("testfield.detect.detect", *sorted(modules))
     settings = (measure.centroid, measure.smallest_diameter_px)
-    key = digest(code, [file_digest(path) for path in sources + sheets], run.field, settings)
+    key = detect_key(run.scene, run.field, [file_digest(path) for path in sources + sheets])
     world = world_of(run, [f"frames/{name}.png" for name in run.stations])
     if run.ledger.fresh("observations.parquet", key):
         run.ledger.shows("observations.parquet", world)
@@ -196,8 +180,7 @@ def calibrate(run: Run) -> Made:
     camera, method = run.scene.camera, run.scene.measure.calibrator
     lens, hold = run.scene.measure.lens or camera.lens, run.scene.measure.hold
     options = {"board": run.scene.measure.board} if run.scene.measure.board else {}
-    code = code_digest(module_of("calibrators", method))
-    key = digest(code, file_digest(source), run.field, method, camera.width_px, camera.height_px, lens, hold, options)
+    key = calibrate_key(run.scene, run.field, file_digest(source))
 
     def write(path: Path) -> None:
         size = (camera.width_px, camera.height_px)
@@ -216,8 +199,7 @@ def reconstruct(run: Run) -> Made:
 
     observations, calibration = run.need("observations.parquet", "detect"), run.need("calibration.json", "calibrate")
     method = run.scene.measure.reconstructor
-    code = code_digest(module_of("reconstructors", method))
-    key = digest(code, file_digest(observations), file_digest(calibration), run.field, method)
+    key = reconstruct_key(run.scene, run.field, file_digest(observations), file_digest(calibration))
 
     def write(path: Path) -> None:
         camera = Calibration.load(calibration)
@@ -239,8 +221,7 @@ def score(run: Run) -> Made:
     times = {
         name: run.ledger.notes.get("time_s", {}).get(name, 0.0) for name in STAGES if name not in ("score", "report")
     }
-    code = code_digest("testfield.score.scorecard", "testfield.scene.build", "testfield.scene.truth")
-    key = digest(code, [file_digest(path) for path in inputs], run.scene.model_dump(), run.world.meshes, times)
+    key = score_key(run.scene, run.world, [file_digest(path) for path in inputs], times)
 
     def write(path: Path) -> None:
         write_scorecard(scorecard(run.world, run.views, *inputs) | {"time_s": times}, path)
@@ -255,10 +236,9 @@ def report(run: Run) -> Made:
     check_truth(run)
     inputs = [run.need(name, maker) for name, maker in MEASURED] + [run.need("scorecard.json", "score")]
     frames = [run.need(f"frames/{name}.png", "expose") for name in run.stations]
-    code = code_digest("testfield.report.page", "testfield.scene.build", "testfield.scene.truth")
     certificate = run.folder.parent / "certificate.json"
     ruler = file_digest(certificate) if certificate.is_file() else ""
-    key = digest(code, [file_digest(path) for path in inputs + frames], run.scene.model_dump(), run.world.meshes, ruler)
+    key = report_key(run.scene, run.world, [file_digest(path) for path in inputs + frames], ruler)
 
     def write(path: Path) -> None:
         write_report(run.world, run.views, run.scene, run.folder, run.ledger.notes, path)

@@ -1,0 +1,96 @@
+"""What each stage depends on: one digest of all of it, computed without making anything.
+
+A file of a run is made again when its key has changed. `chain/stages.py` asks for the keys of a run; a test asks for
+those of every change that a scene's schema allows. Other stages' files enter by the digests of their bytes.
+"""
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from testfield.chain.code import code_digest
+from testfield.registry import module_of
+from testfield.scene.exposure import sensor_of
+from testfield.scene.schema import SceneFile
+from testfield.scene.world import World
+from testfield.store.digests import digest
+from testfield.targets.field import Field
+
+
+@dataclass(frozen=True)
+class RenderKeys:
+    """Keys of the light that all views of the fast mode share, and of each station's radiance by its name."""
+
+    light: str
+    images: dict[str, str]
+
+
+def render_keys(scene: SceneFile, world: World) -> RenderKeys:
+    """Keys of `radiance/light.npz` and of every `radiance/STATION.exr`."""
+    settings = scene.render
+    renderers = ("view", "irradiance", "stage")
+    code = code_digest(*[f"testfield.render.{name}" for name in renderers], "testfield.seeds")
+    shapes = (world.panels, world.marks, world.dirt, world.prints, world.field.bits, world.meshes)
+    materials = (world.retro, world.gloss, world.luminous_radiance)
+    lights = (world.lights, world.point_lights, world.ambient_radiance, world.sky)
+    surroundings = (shapes, lights, materials)
+    # Only what is sampled depends on how far and with which random numbers.
+    sampling = (settings.noise_target, settings.most_samples, world.seed) if world.gloss else ()
+    device = os.environ.get("TESTFIELD_VARIANT", "") + os.environ.get("TESTFIELD_LLVM_TARGET", "")
+    light_key = digest(code, device, surroundings, settings.light_spacing_mm, settings.light_paths, world.seed)
+    fast = settings.mode == "fast"
+    keys = {}
+    for k, name in enumerate(world.station_name):
+        lens = (world.interior, world.psf_sigma_px, world.optics, world.flash)
+        view = (lens, world.camera_from_world[slice(k, k + 1)], world.motion if world.motion.moves else None)
+        how = (
+            (light_key, settings.cells, settings.blur_shots, sampling, world.seed if world.flash else 0)
+            if fast
+            else (surroundings, settings.samples, world.seed)
+        )
+        keys[name] = digest(code, device, settings.mode, view, how)
+    return RenderKeys(light_key, keys)
+
+
+def expose_key(scene: SceneFile, station: str, radiance: str) -> str:
+    """Key of a station's frame, from radiance of these bytes."""
+    return digest(code_digest("testfield.sensor.expose"), radiance, sensor_of(scene), scene.seed, station)
+
+
+def detect_key(scene: SceneFile, field: Field, frames: list[str]) -> str:
+    """Key of `observations.parquet`, from frames and their sheets of these bytes."""
+    from testfield.detect.detect import ROUGH
+
+    measure = scene.measure
+    modules = {module_of("centroids", name) for name in (measure.centroid, ROUGH)}
+    code = code_digest("testfield.detect.detect", *sorted(modules))
+    return digest(code, frames, field, (measure.centroid, measure.smallest_diameter_px))
+
+
+def calibrate_key(scene: SceneFile, field: Field, observations: str) -> str:
+    """Key of `calibration.json`, from observations of these bytes."""
+    camera, measure = scene.camera, scene.measure
+    lens = measure.lens or camera.lens
+    options = {"board": measure.board} if measure.board else {}
+    code = code_digest(module_of("calibrators", measure.calibrator))
+    return digest(
+        code, observations, field, measure.calibrator, camera.width_px, camera.height_px, lens, measure.hold, options
+    )
+
+
+def reconstruct_key(scene: SceneFile, field: Field, observations: str, calibration: str) -> str:
+    """Key of `points.parquet`, from observations and a calibration of these bytes."""
+    method = scene.measure.reconstructor
+    return digest(code_digest(module_of("reconstructors", method)), observations, calibration, field, method)
+
+
+def score_key(scene: SceneFile, world: World, measured: list[str], times: Mapping[str, float]) -> str:
+    """Key of `scorecard.json`, from measured files of these bytes, and the times that it repeats."""
+    code = code_digest("testfield.score.scorecard", "testfield.scene.build", "testfield.scene.truth")
+    return digest(code, measured, scene.model_dump(), world.meshes, times)
+
+
+def report_key(scene: SceneFile, world: World, files: list[str], certificate: str) -> str:
+    """Key of `report.html`, from a run's files and a certificate of these bytes (empty for none)."""
+    code = code_digest("testfield.report.page", "testfield.scene.build", "testfield.scene.truth")
+    return digest(code, files, scene.model_dump(), world.meshes, certificate)

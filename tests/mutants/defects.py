@@ -1,0 +1,687 @@
+"""The planted defects, room by room. See README.md."""
+
+from planting import Defect
+
+CARD = "tests/test_scorecard_by_hand.py::test_every_figure_of_the_scorecard_is_that_of_the_arithmetic_by_hand"
+CONSOLE = "tests/test_scorecard_by_hand.py::test_the_console_shows_the_ten_figures_in_their_order"
+REACH = "tests/test_scorecard_by_hand.py::test_what_lies_just_beyond_a_dots_radius_is_another_thing"
+CENTRES = "tests/test_scorecard_by_hand.py::test_projected_centres_are_compared_with_projected_centres"
+COUNTS = "tests/test_scorecard_by_hand.py::test_the_page_counts_detections_as_they_are"
+CAMERA = "tests/test_scorecard_by_hand.py::test_the_page_shows_the_camera_true_and_found"
+GRAPH = "tests/test_scorecard_by_hand.py::test_the_page_shows_the_boards_and_their_graph"
+BARS = "tests/test_scorecard_by_hand.py::test_the_page_shows_each_bar"
+CHECKS = "tests/test_scorecard_by_hand.py::test_the_page_shows_each_check_point_the_worst_first"
+ACCEPT = "tests/test_accept_by_hand.py::test_every_figure_of_the_acceptance_is_that_of_the_arithmetic_by_hand"
+CLAIMS = "tests/test_accept_by_hand.py::test_claims_of_points_are_judged_point_by_point_and_coordinate_by_coordinate"
+NEIGHBOURS = "tests/test_accept_by_hand.py::test_neighbours_on_a_line_share_the_uncertainty_of_two_places"
+SADDLE = "tests/test_accept_by_hand.py::test_a_saddle_of_a_twentieth_is_a_form_error_of_a_tenth"
+VERDICT = "tests/test_accept_by_hand.py::test_the_verdict_by_hand"
+ACCEPT_PAGE = "tests/test_accept_by_hand.py::test_the_page_of_an_acceptance_shows_these_figures"
+ACCEPT_SAID = "tests/test_accept_by_hand.py::test_the_console_of_an_acceptance_shows_these_figures"
+KEYS = "tests/test_keys.py::test_a_change_of_any_value_changes_the_keys_of_the_stages_that_depend_on_it"
+OWN_CODE = "tests/test_keys.py::test_every_stage_reacts_to_its_own_code_and_to_no_other"
+OWN_FILE = "tests/test_keys.py::test_every_algorithm_counts_with_its_own_file"
+INPUTS = "tests/test_keys.py::test_inputs_that_are_sound_but_different_change_every_key"
+BLOCKS = "tests/test_seeds.py::test_blocks_of_rays_are_different_draws"
+TRIALS = "tests/test_seeds.py::test_trials_are_different_draws_of_pixels_and_of_certificates"
+FRAMES = "tests/test_seeds.py::test_frames_of_stations_and_of_exposures_are_different_draws_and_the_same_again"
+NAMES = "tests/test_seeds.py::test_generators_differ_by_seed_and_by_name"
+STOPS = "tests/test_seeds.py::test_the_adaptive_stops_ask_for_one_block_after_the_other"
+PATTERN = "tests/test_seeds.py::test_the_sensors_pattern_is_one_and_the_same_however_often_it_is_exposed"
+FEW = "tests/test_figures_by_hand.py::test_the_figures_of_few_trials_are_those_of_the_arithmetic_by_hand"
+MANY = "tests/test_figures_by_hand.py::test_intervals_of_many_trials_cut_off_as_much_below_as_above"
+ENDS = "tests/test_figures_by_hand.py::test_both_ends_of_the_interval_must_agree"
+LENGTHS = "tests/test_figures_by_hand.py::test_a_measurement_compares_lengths_as_the_hand_does"
+SUMS = "tests/test_figures_by_hand.py::test_a_measurement_counts_and_sums_as_the_hand_does"
+SCATTER = "tests/test_figures_by_hand.py::test_scatter_bias_and_honesty_of_an_estimator_by_hand"
+RECALL = "tests/test_figures_by_hand.py::test_recall_counts_what_is_found_missed_misread_and_false"
+SUMMARY = "tests/test_figures_by_hand.py::test_claims_are_summed_over_trials_as_the_hand_does"
+TABLES = "tests/test_figures_by_hand.py::test_a_studys_table_shows_its_rows_as_formatted_and_nothing_for_nothing"
+PRINTED = "tests/test_code_facts.py::test_the_makers_numbers_belong_to_the_rings_beside_them"
+WORDS = "tests/test_code_facts.py::test_words_stand_under_their_published_numbers"
+PHOTOGRAPH = "tests/test_code_facts.py::test_the_printed_numbers_are_read_in_the_photograph"
+POISSON = "tests/test_sensor.py::test_few_photons_come_as_poisson_counts_and_not_as_normal_ones"
+SHEET = "tests/test_sensor.py::test_mean_and_variance_are_those_of_the_data_sheet"
+DARK = "tests/test_sensor.py::test_the_sheet_tells_mean_and_variance_of_the_dark_current"
+OPENCV = "tests/test_camera.py::test_opencv_projects_to_the_same_pixels"
+DISC = "tests/test_camera.py::test_the_image_of_a_disc_matches_the_closed_form_of_methods_6_4"
+TOLERANCE = "tests/test_uncertainty.py::test_the_tolerance_is_half_a_unit_of_the_last_digit"
+REGIONS = "tests/test_uncertainty.py::test_regions_of_gaussian_trials_are_the_closed_forms"
+TWO_CAMERAS = "tests/test_reconstruction.py::test_two_cameras_have_the_precision_of_the_closed_form"
+FREEDOM = "tests/test_bundle.py::test_degrees_of_freedom_count_every_observation_and_unknown"
+SOURCES = "tests/test_run.py::test_every_file_a_stage_computes_with_is_in_its_key"
+
+SCORE = [
+    Defect(
+        "centre error, rms, shows the bias",
+        "DetectionScore.card",
+        "float(np.sqrt((self.error_px**2).mean()))",
+        "float(np.hypot(*bias))",
+        CARD,
+    ),
+    Defect(
+        "the bias is that of the sizes",
+        "DetectionScore.card",
+        "self.error_px.mean(axis=0)",
+        "np.abs(self.error_px).mean(axis=0)",
+        CARD,
+    ),
+    Defect(
+        "found counts targets nobody expected",
+        "DetectionScore.card",
+        "int((self.expected & self.found).sum())",
+        "int(self.found.sum())",
+        CARD,
+    ),
+    Defect(
+        "dirty ones count as found", "DetectionScore.card", "(self.dirty & self.found).sum()", "self.dirty.sum()", CARD
+    ),
+    Defect(
+        "the worst centre is the most positive",
+        "DetectionScore.card",
+        "np.abs(self.error_px).max(initial=0)",
+        "self.error_px.max(initial=0)",
+        CARD,
+    ),
+    Defect(
+        "NEES of a centre not per coordinate", "DetectionScore.card", "self.nees.mean() / 2", "self.nees.mean()", CARD
+    ),
+    Defect("wrong codes are never counted", "score_detection", "wrong_code.append(row)", "None", CARD),
+    Defect("dots named wrongly are never counted", "score_detection", "wrong_dot.append(row)", "None", CARD),
+    Defect(
+        "8 px exactly is too small",
+        "score_detection",
+        "(views.visible == 1) & (views.diameter_px >= EXPECTED_PX)",
+        "(views.visible == 1) & (views.diameter_px > EXPECTED_PX)",
+        CARD,
+    ),
+    Defect(
+        "half-hidden targets are expected",
+        "score_detection",
+        "(views.visible == 1) & (__x__ >= EXPECTED_PX)",
+        "(views.visible > 0) & (__x__ >= EXPECTED_PX)",
+        CARD,
+    ),
+    Defect(
+        "a blob at a hidden mark is no false find",
+        "score_detection",
+        "np.where(np.isfinite(__p__) & seen, __p__, -1e6)",
+        "np.where(np.isfinite(__p__), __p__, -1e6)",
+        CARD,
+    ),
+    Defect(
+        "a dot reaches twice as far",
+        "score_detection",
+        "np.maximum(0.5 * __d__, 2.0)",
+        "np.maximum(1.0 * __d__, 2.0)",
+        REACH,
+    ),
+    Defect(
+        "discs are compared whatever was measured",
+        "score_detection",
+        "views.disc_px if observations.centre_of_disc else views.centre_px",
+        "views.disc_px",
+        CENTRES,
+    ),
+    Defect(
+        "why missed: what is far counts", "_why_missed", "__d__ > views.diameter_px[__s__, __m__]", "__d__ > 1e9", CARD
+    ),
+    Defect(
+        "an RMSE ten times too good",
+        "PointScore.card",
+        "(float(np.sqrt((e**2).mean())) if n else float('nan') for e in (self.fitted_mm, self.error_mm))",
+        "(float(np.sqrt((e**2).mean())) / 10 if n else float('nan') for e in (self.fitted_mm, self.error_mm))",
+        CARD,
+    ),
+    Defect(
+        "an RMSE over 3n - 6",
+        "PointScore.card",
+        "(float(np.sqrt((e**2).mean())) if n else float('nan') for e in (self.fitted_mm, self.error_mm))",
+        "(float(np.sqrt((e**2).sum() / (e.size - 6))) if n else float('nan') for e in (self.fitted_mm, self.error_mm))",
+        CARD,
+    ),
+    Defect(
+        "u is averaged instead of its square",
+        "PointScore.card",
+        "np.sqrt((self.u_mm**2).mean())",
+        "self.u_mm.mean()",
+        CARD,
+    ),
+    Defect(
+        "relative accuracy of the largest distance by the diagonal",
+        "PointScore.card",
+        "_largest_distance(self.true_mm) / rmse",
+        "self.diagonal_mm / rmse",
+        CARD,
+    ),
+    Defect(
+        "the band of NEES for n instead of 3n",
+        "PointScore.card",
+        "chi2.ppf(__p__, 3 * n) / (3 * n)",
+        "chi2.ppf(__p__, n) / n",
+        CARD,
+    ),
+    Defect(
+        "the worst point before the fit",
+        "PointScore.card",
+        "np.linalg.norm(self.fitted_mm, axis=1)",
+        "np.linalg.norm(self.error_mm, axis=1)",
+        CARD,
+    ),
+    Defect(
+        "NEES per point",
+        "score_points",
+        "__e__ @ np.linalg.solve(covariance, __e__) / error.size",
+        "__e__ @ np.linalg.solve(covariance, __e__) / len(error)",
+        CARD,
+    ),
+    Defect("the fit costs no freedom", "score_points", "error.size - rigid_basis(true).shape[1]", "error.size", CARD),
+    Defect(
+        "an RMSE over 3n without a fit's shift",
+        "score_points",
+        "points.xyz_mm[rows] @ R.T + t - true",
+        "points.xyz_mm[rows] @ R.T - true",
+        CARD,
+    ),
+    Defect(
+        "E_n of bars without its factor 2",
+        "score_lengths",
+        "2 * np.hypot(u, bar.u_length_mm)",
+        "np.hypot(u, bar.u_length_mm)",
+        CARD,
+    ),
+    Defect(
+        "E_n of bars against the truth",
+        "score_lengths",
+        "(length - bar.length_mm) / __u__",
+        "(length - true) / __u__",
+        CARD,
+    ),
+    Defect("the check bar that is longest too long", "score_lengths", "max(check, key=abs)", "max(check)", CARD),
+    Defect(
+        "control bars test themselves",
+        "score_lengths",
+        "[bar['error_mm'] for bar in bars if bar['role'] == 'check' and 'error_mm' in bar]",
+        "[bar['error_mm'] for bar in bars if 'error_mm' in bar and bar['name'] == 'control bar']",
+        CARD,
+    ),
+    Defect(
+        "scale error against the sheets",
+        "score_lengths",
+        "calibration.scale - world_scale(world)",
+        "calibration.scale - 1",
+        CARD,
+    ),
+    Defect("the mean corner for the worst", "score_camera", "float(size.max())", "float(size.mean())", CARD),
+    Defect(
+        "NEES of the interior not per parameter",
+        "score_camera",
+        "__e__ @ np.linalg.solve(covariance, __e__) / len(__e__)",
+        "__e__ @ np.linalg.solve(covariance, __e__)",
+        CARD,
+    ),
+    Defect(
+        "u of the interior is its variance",
+        "score_camera",
+        "np.sqrt(np.diag(covariance)).tolist()",
+        "np.diag(covariance).tolist()",
+        CARD,
+    ),
+    Defect("used for rejected", "score_camera", "len(calibration.rejected)", "calibration.used", CARD),
+    Defect(
+        "the mean of boards' rms for their rms",
+        "score_boards",
+        "float(np.sqrt(np.mean(shifts)))",
+        "float(np.mean(np.sqrt(shifts)))",
+        CARD,
+    ),
+    Defect("turns in rad called mrad", "score_boards", "1e3 * float(v)", "float(v)", CARD),
+    Defect(
+        "NEES of boards not per unknown", "score_boards", "float(np.mean(squares) / 6)", "float(np.mean(squares))", CARD
+    ),
+    Defect(
+        "boards are taken in the sheets' order",
+        "true_in_datum",
+        "np.array([names.index(name) for name in board_names])",
+        "np.arange(len(board_names))",
+        CARD,
+    ),
+    Defect(
+        "the rotation stays in the corners' errors",
+        "interior_difference",
+        "directions(true, uv_px) @ R.T",
+        "directions(true, uv_px)",
+        CARD,
+    ),
+    Defect("covariances stay before the fit", "aligned_covariance", "S @ cov_mm2 @ S.T", "cov_mm2", CARD),
+    Defect(
+        "the console's centre error is the bias",
+        "",
+        "(__t__, 'detection.centre_rms_px', '{:.4f} px')",
+        "(__t__, 'detection.centre_bias_px', '{:.4f} px')",
+        CONSOLE,
+    ),
+    Defect(
+        "the console counts dots for codes",
+        "",
+        "(__t__, 'detection.wrong_code', '{:d}')",
+        "(__t__, 'detection.wrong_dot', '{:d}')",
+        CONSOLE,
+    ),
+]
+REPORT = [
+    Defect(
+        "the page's centre error is the bias",
+        "",
+        "{{ card.detection.centre_rms_px|mm }}",
+        "{{ card.detection.centre_bias_px|mm }}",
+        COUNTS,
+    ),
+    Defect(
+        "the page counts the measured as found",
+        "",
+        "{{ card.detection.found }}",
+        "{{ card.detection.measured }}",
+        COUNTS,
+    ),
+    Defect(
+        "the page calls codes dots", "", "{{ card.detection.wrong_dot }}", "{{ card.detection.wrong_code }}", COUNTS
+    ),
+    Defect("the page shows u for E_n", "", '{{ bar.en|num("%.2f") }}', '{{ bar.u_measured_mm|num("%.2f") }}', BARS),
+    Defect("the page certifies the truth", "", "{{ bar.certified_mm|mm }}", "{{ bar.true_mm|mm }}", BARS),
+    Defect(
+        "the page's RMSE is unfitted",
+        "",
+        "RMSE {{ card.points.rmse_mm|mm }}",
+        "RMSE {{ card.points.worst_mm|mm }}",
+        CHECKS,
+    ),
+    Defect(
+        "micrometres ten times too small",
+        "_check_rows",
+        "1000 * points.error_mm[k]",
+        "100 * points.error_mm[k]",
+        CHECKS,
+    ),
+    Defect("the best check point comes first", "_check_rows", "np.argsort(-__x__)", "np.argsort(__x__)", CHECKS),
+    Defect("errors of the interior turned round", "_interior_rows", "found - true", "true - found", CAMERA),
+    Defect(
+        "joints stand under other stations",
+        "_graph_rows",
+        "seen.get((station, board))",
+        "seen.get((calibration.station_names[0], board))",
+        GRAPH,
+    ),
+    Defect("statuses are counted once each", "_status_rows", "int(counts[k])", "1", COUNTS),
+    Defect(
+        "the acceptance page's E_n is the error",
+        "",
+        '{{ r.en|num("%+.2f") }}',
+        '{{ r.dl_mm|num("%+.2f") }}',
+        ACCEPT_PAGE,
+    ),
+    Defect("the acceptance page's limit is the error", "", "{{ r.limit_mm|mm }}", "{{ r.dl_mm|mm }}", ACCEPT_PAGE),
+    Defect("the acceptance page's sigma is the RMSE", "", "{{ p.sigma_mm|mm }}", "{{ p.rmse_mm|mm }}", ACCEPT_PAGE),
+    Defect(
+        "u of photographs' points is its square",
+        "write_measurement",
+        "np.sqrt(np.diag(points.cov_xyz_mm2)).reshape(-1, 3)",
+        "np.diag(points.cov_xyz_mm2).reshape(-1, 3)",
+        SUMS,
+    ),
+    Defect(
+        "uncoded points count as coded", "Measurement.uncoded", "self.points.code < 0", "self.points.code < -9", SUMS
+    ),
+    Defect(
+        "an empty cell for nothing is a zero",
+        "as_html",
+        "frame.to_html(index=False, border=0, na_rep=__x__, float_format=__f__)",
+        "frame.fillna(0).to_html(index=False, border=0, float_format=__f__)",
+        TABLES,
+    ),
+]
+ACCEPTANCE = [
+    Defect(
+        "E_n of lengths without its factor 2",
+        "MeasuredLengths.en",
+        "self.dl_mm / (2 * self.u_dl_mm)",
+        "self.dl_mm / self.u_dl_mm",
+        ACCEPT,
+    ),
+    Defect(
+        "certificates of lengths are exact",
+        "MeasuredLengths.cov_dl_mm2",
+        "self.cov_measured_mm2 + np.diag(self.u_calibrated_mm**2)",
+        "self.cov_measured_mm2",
+        ACCEPT,
+    ),
+    Defect(
+        "errors are calibrated minus measured",
+        "MeasuredLengths.dl_mm",
+        "self.measured_mm - self.calibrated_mm",
+        "self.calibrated_mm - self.measured_mm",
+        ACCEPT,
+    ),
+    Defect("B is no limit", "Limit.of", "np.minimum(__e__, self.b_mm)", "__e__", ACCEPT),
+    Defect("K in parts per thousand", "Limit.of", "1e-6 * self.k_ppm", "1e-3 * self.k_ppm", ACCEPT),
+    Defect("twice the limit is within", "judge", "(size > e).sum()", "(size > 2 * e).sum()", VERDICT),
+    Defect(
+        "the test's uncertainty is added before refuting",
+        "judge",
+        "(size - U > e).any()",
+        "(size + U > e).any()",
+        VERDICT,
+    ),
+    Defect("missing lengths pass", "judge", "'incomplete' if missing else 'passed'", "'passed'", VERDICT),
+    Defect(
+        "missing lengths are shown",
+        "judge",
+        "'shown' if __x__ and not missing else 'open'",
+        "'shown' if __x__ else 'open'",
+        VERDICT,
+    ),
+    Defect("the worst length is the largest error's", "judge", "np.argmax(size - e)", "np.argmin(size - e)", ACCEPT),
+    Defect("rms of errors about their mean", "figures", "np.sqrt((dl**2).mean())", "dl.std()", ACCEPT),
+    Defect("scatter about a line over n", "slope", "left @ left / (n - 2) * __g__", "left @ left / n * __g__", ACCEPT),
+    Defect(
+        "lengths count as independent in the slope",
+        "slope",
+        "gain[1] @ lengths.cov_dl_mm2 @ gain[1]",
+        "gain[1] @ gain[1] * lengths.cov_dl_mm2.mean()",
+        ACCEPT,
+    ),
+    Defect("neighbours have one uncertain place", "spacing", "1 if k == 0 else np.sqrt(2)", "1", NEIGHBOURS),
+    Defect(
+        "control bars are test lengths",
+        "test_lengths",
+        "[__e__ for bar in field.scale_bars if bar.role == 'check']",
+        "[__e__ for bar in field.scale_bars]",
+        ACCEPT,
+    ),
+    Defect(
+        "the error of form is its largest height",
+        "form_error",
+        "float(np.ptp(__x__))",
+        "float(np.abs(__x__).max())",
+        SADDLE,
+    ),
+    Defect("flatness is a standard deviation", "flatness", "np.ptp(__x__)", "np.std(__x__)", SADDLE),
+    Defect("ellipsoids of 99 %", "points_card", "chi2.ppf(0.95, len(z))", "chi2.ppf(0.99, len(z))", CLAIMS),
+    Defect("claimed sigma of a point", "points_card", "np.trace(__x__) / (3 * n)", "np.trace(__x__) / n", CLAIMS),
+    Defect(
+        "E_n of coordinates without its factor 2",
+        "points_card",
+        "score.error_mm[left] / (2 * score.u_mm[left])",
+        "score.error_mm[left] / score.u_mm[left]",
+        CLAIMS,
+    ),
+    Defect(
+        "the console of accept shows the mean error",
+        "_figures",
+        "('largest |dl|; mean; rms', __x__)",
+        "('largest |dl|; mean; rms', __x__[::-1])",
+        ACCEPT_SAID,
+    ),
+]
+CHAIN = [
+    Defect(
+        "render forgets aperture, focus and vignetting",
+        "render_keys",
+        "(world.interior, world.psf_sigma_px, world.optics, world.flash)",
+        "(world.interior, world.psf_sigma_px, world.flash)",
+        f"{KEYS}[base-camera]",
+    ),
+    Defect(
+        "render forgets motion", "render_keys", "(lens, __p__, __m__)", "(lens, __p__)", f"{KEYS}[base-target_motion]"
+    ),
+    Defect(
+        "render forgets the sky",
+        "render_keys",
+        "(world.lights, world.point_lights, world.ambient_radiance, world.sky)",
+        "(world.lights, world.point_lights, world.ambient_radiance)",
+        f"{KEYS}[map-room]",
+    ),
+    Defect(
+        "render forgets materials",
+        "render_keys",
+        "(shapes, lights, materials)",
+        "(shapes, lights)",
+        f"{KEYS}[base-paint]",
+    ),
+    Defect(
+        "expose forgets the seed",
+        "expose_key",
+        "digest(__c__, __r__, __s__, scene.seed, __n__)",
+        "digest(__c__, __r__, __s__, __n__)",
+        f"{KEYS}[base-seed]",
+    ),
+    Defect(
+        "expose forgets the station",
+        "expose_key",
+        "digest(__c__, __r__, __s__, __d__, station)",
+        "digest(__c__, __r__, __s__, __d__)",
+        INPUTS,
+    ),
+    Defect(
+        "detect forgets estimator and smallest diameter",
+        "detect_key",
+        "(measure.centroid, measure.smallest_diameter_px)",
+        "()",
+        f"{KEYS}[base-measure]",
+    ),
+    Defect(
+        "calibrate forgets its code", "calibrate_key", "code_digest(module_of('calibrators', __m__))", "''", OWN_CODE
+    ),
+    Defect("calibrate forgets what is held", "calibrate_key", "measure.hold", "()", f"{KEYS}[base-measure]"),
+    Defect(
+        "calibrate forgets the sheet",
+        "calibrate_key",
+        "digest(code, observations, field, __a__, __b__, __c__, __d__, __e__, __f__)",
+        "digest(code, observations, __a__, __b__, __c__, __d__, __e__, __f__)",
+        INPUTS,
+    ),
+    Defect(
+        "reconstruct forgets the calibration",
+        "reconstruct_key",
+        "digest(__c__, observations, calibration, field, method)",
+        "digest(__c__, observations, field, method)",
+        INPUTS,
+    ),
+    Defect(
+        "reconstruct takes one method's code for all",
+        "reconstruct_key",
+        "module_of('reconstructors', method)",
+        "'testfield.reconstruct.gls'",
+        OWN_FILE,
+    ),
+    Defect(
+        "the scorecard keeps old times",
+        "score_key",
+        "digest(__c__, __m__, __s__, __w__, times)",
+        "digest(__c__, __m__, __s__, __w__)",
+        INPUTS,
+    ),
+    Defect("the sheet's key is its code's", "field_key", "digest(field, __c__)", "digest(__c__)", INPUTS),
+    Defect(
+        "templates do not count as source",
+        "sources",
+        "other.suffix not in ('.py', '.md')",
+        "other.suffix == '.css'",
+        SOURCES,
+    ),
+    Defect(
+        "only a module's own file counts",
+        "sources",
+        "[name for name in imports(path) if name.split('.')[0] == 'testfield']",
+        "[]",
+        SOURCES,
+    ),
+]
+SEEDS = [
+    Defect(
+        "all blocks of rays are one draw",
+        "Trials.block",
+        "generator(__s__, __n__)",
+        "generator(__s__, 'uncertainty/rays')",
+        BLOCKS,
+    ),
+    Defect(
+        "all trials are one draw",
+        "Trials._again",
+        "rng = generator(run.scene.seed, __n__)",
+        "rng = generator(run.scene.seed, 'uncertainty')",
+        TRIALS,
+    ),
+    Defect(
+        "all re-exposures are the same draw",
+        "Trials._again",
+        "reexposed(run, __s__)",
+        "reexposed(run, run.scene.seed)",
+        f"{TRIALS}[exposure]",
+    ),
+    Defect(
+        "all stations have the same noise", "expose", "generator(__s__, __n__)", "generator(__s__, 'expose')", FRAMES
+    ),
+    Defect("new exposures have the old noise", "expose", "seed if noise_seed is None else noise_seed", "seed", FRAMES),
+    Defect("names do not count in seeds", "seed_of", "f'{seed}/{name}'.encode()", "f'{seed}'.encode()", NAMES),
+    Defect("the adaptive stop sees one block again and again", "adaptive", "block(len(parts))", "block(0)", STOPS),
+    Defect("regions see one block again and again", "adaptive_regions", "block(len(parts))", "block(0)", STOPS),
+    Defect(
+        "the fixed pattern changes with the noise",
+        "expose",
+        "gain_pattern(mean_e.shape, sensor.prnu, seed)",
+        "gain_pattern(mean_e.shape, sensor.prnu, noise_seed or 0)",
+        PATTERN,
+    ),
+]
+STATISTICS = [
+    Defect(
+        "few trials have no last degree of freedom", "of_few", "values.std(axis=0, ddof=1)", "values.std(axis=0)", FEW
+    ),
+    Defect("few trials that lie close seem certain", "of_few", "np.maximum(u, claimed_u)", "u", FEW),
+    Defect(
+        "trials that lack a point count",
+        "of_trials",
+        "of_few(result.of(positions_mm[whole]), __u__)",
+        "of_few(result.of(np.nan_to_num(positions_mm)), __u__)",
+        FEW,
+    ),
+    Defect(
+        "ends of bars are check points",
+        "_statement",
+        "not length and int(points.code[k // 3]) not in ends",
+        "not length",
+        FEW,
+    ),
+    Defect(
+        "intervals cut off below alone",
+        "_figures",
+        "np.full(values.shape[1], (m - covered) // 2)",
+        "np.full(values.shape[1], m - covered - 1)",
+        MANY,
+    ),
+    Defect(
+        "scatter between blocks is not their mean's",
+        "adaptive",
+        "np.std(figures, axis=0, ddof=1) / np.sqrt(len(figures))",
+        "np.std(figures, axis=0, ddof=1)",
+        MANY,
+    ),
+    Defect(
+        "one end of the interval may disagree",
+        "validate",
+        "np.maximum(d_low, d_high)",
+        "np.minimum(d_low, d_high)",
+        ENDS,
+    ),
+    Defect("the linear interval of one sigma", "validate", "norm.ppf(0.5 + trials.p / 2) * u", "u", ENDS),
+    Defect("a tolerance of a whole unit", "tolerance", "0.5 * 10.0**exponent", "10.0**exponent", TOLERANCE),
+    Defect("ellipsoids of one component", "coverage_factor", "chi2.ppf(p, components)", "chi2.ppf(p, 1)", REGIONS),
+    Defect(
+        "bands of NEES of one side", "nees_band", "chi2.ppf(0.5 - p / 2, freedom)", "chi2.ppf(1 - p, freedom)", ACCEPT
+    ),
+    Defect(
+        "E_n of photographs without its factor 2", "_lengths", "2 * np.hypot(u, __c__)", "np.hypot(u, __c__)", LENGTHS
+    ),
+]
+BENCH = [
+    Defect(
+        "efficiency upside down", "figures", "float(2 / np.nanmean(sizes))", "float(np.nanmean(sizes) / 2)", SCATTER
+    ),
+    Defect(
+        "scatter of few runs is not corrected",
+        "figures",
+        "(error - mean) * np.sqrt(count / (count - 1))[:, None]",
+        "error - mean",
+        SCATTER,
+    ),
+    Defect("rms leaves out the bias", "figures", "np.sqrt(np.nanmean(error**2))", "np.nanstd(error)", SCATTER),
+    Defect(
+        "honesty not per coordinate",
+        "figures",
+        "np.einsum(__f__, e, np.linalg.inv(__c__), e) / 2",
+        "np.einsum(__f__, e, np.linalg.inv(__c__), e)",
+        SCATTER,
+    ),
+    Defect(
+        "chance counts as bias",
+        "systematic",
+        "np.sqrt(max(squares / means.size - variance, 0))",
+        "np.sqrt(squares / means.size)",
+        SCATTER,
+    ),
+    Defect("what is found anywhere counts", "count", "(asked & hit).sum()", "hit.sum()", RECALL),
+    Defect(
+        "misread numbers are right", "count", "(asked & (number == view.code)).sum()", "(asked & hit).sum()", RECALL
+    ),
+    Defect("false finds are not counted", "count", "int((measured & ~here).sum())", "0", RECALL),
+    Defect(
+        "coverage of a sphere of one coordinate", "Errors.covered", "chi2.ppf(P, self.size)", "chi2.ppf(P, 1)", SUMMARY
+    ),
+    Defect("NEES of claims not per degree of freedom", "Errors.nees", "max(len(self.error), 1)", "1", SUMMARY),
+]
+PHYSICS = [
+    Defect("Gaussian for Poisson noise", "expose", "rng.poisson(__m__)", "rng.normal(__m__, np.sqrt(__m__))", POISSON),
+    Defect("no read noise", "expose", "electrons += sensor.read_noise_e * __z__", "electrons += 0 * __z__", SHEET),
+    Defect("no dark current", "expose", "mean_e + sensor.dark_e", "mean_e", DARK),
+    Defect(
+        "numbers from the end of the table",
+        "code_words",
+        "words[smallest_rotation(words, bits) == words]",
+        "words[smallest_rotation(words, bits) == words][::-1].copy()",
+        WORDS,
+    ),
+    Defect(
+        "numbers from zero", "number_of_word", "np.where(__t__, index + 1, 0)", "np.where(__t__, index, 0)", PRINTED
+    ),
+    Defect(
+        "words of odd parity",
+        "code_words",
+        "np.bitwise_count(words) % 2 == 0",
+        "np.bitwise_count(words) % 2 == 1",
+        WORDS,
+    ),
+    Defect("rings are read the wrong way round", "_read", "np.arange(bits - 1, -1, -1)", "np.arange(bits)", PHOTOGRAPH),
+    Defect(
+        "the principal point half a pixel off",
+        "Interior.corners_px",
+        "self.width_px - 0.5, self.height_px - 0.5",
+        "self.width_px - 1.0, self.height_px - 1.0",
+        CARD,
+    ),
+    Defect(
+        "pose inverse forgets the rotation",
+        "Poses.inverse",
+        "-np.einsum('nij,nj->ni', transposed, self.t_mm)",
+        "-self.t_mm",
+        CARD,
+    ),
+    Defect(
+        "lines weigh without their noise",
+        "all_together",
+        "np.where(sights.there[..., None, None], own, np.eye(2))",
+        "np.where(sights.there[..., None, None], 1e-9 * own, np.eye(2))",
+        TWO_CAMERAS,
+    ),
+]
+DEFECTS = [*SCORE, *REPORT, *ACCEPTANCE, *CHAIN, *SEEDS, *STATISTICS, *BENCH, *PHYSICS]

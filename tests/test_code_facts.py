@@ -1,0 +1,83 @@
+"""Numbers and words of ring codes as the world outside has them, and kept photographs of real targets.
+
+Six pairs of 14 bits are the maker's: each target's number is printed beside its ring on the plate of
+`photographs/ring14_plate_cut.png`, and the rings were read there by eye, clockwise. The numbers of codes are those
+that are published for these code lengths (147 of 12 bits, 516 of 14 bits). All other pairs come from the rules of the
+patent DE 197 33 466 A1, worked out by hand or on words as texts.
+"""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from testfield.camera.photograph import read_photograph
+from testfield.detect.photograph import ON_WHITE, detect_in_photograph
+from testfield.detect.target_spec import parse_target
+from testfield.targets.ring_code import code_words, number_of_word, word_of_number
+
+PHOTOGRAPHS = Path(__file__).parent / "photographs"
+PRINTED = {3: "10001011000000", 4: "10001101000000", 5: "10010011000000", 13: "10110001000000", 14: "10110111000000",
+           15: "10111011000000"}  # fmt: skip
+"""The maker's numbers and what their rings show, clockwise from the segment at the left."""
+TABLE = {
+    8: {1: "00010001", 2: "00010111", 3: "00011011", 10: "01010101", 13: "01110111"},
+    10: {1: "0000100001", 2: "0000100111", 3: "0000101011", 10: "0001001011", 42: "0111101111"},
+    12: {1: "000001000001", 2: "000001000111", 3: "000001001011", 10: "000001100101", 147: "011111011111"},
+    14: {1: "00000010000001", 2: "00000010000111", 10: "00000010100101", 258: "00011001001011", 516: "01111110111111"},
+    16: {1: "0000000100000001", 2: "0000000100000111", 10: "0000000100100101", 1861: "0111111101111111"},
+    20: {1: "00000000010000000001", 2: "00000000010000000111", 10: "00000000010000100101",
+         24793: "01111111110111111111"},
+}  # fmt: skip
+COUNT = {8: 13, 10: 42, 12: 147, 14: 516, 16: 1861, 20: 24793}
+
+
+@pytest.mark.parametrize("number", PRINTED)
+def test_the_makers_numbers_belong_to_the_rings_beside_them(number: int) -> None:
+    assert number_of_word(np.array([int(PRINTED[number], 2)]), 14)[0] == number
+
+
+@pytest.mark.parametrize("bits", TABLE)
+def test_words_stand_under_their_published_numbers(bits: int) -> None:
+    assert len(code_words(bits)) == COUNT[bits]
+    for number, word in TABLE[bits].items():
+        assert f"{word_of_number(np.array([number]), bits)[0]:0{bits}b}" == word
+        for turn in range(bits):
+            assert number_of_word(np.array([int(word[turn:] + word[:turn], 2)]), bits)[0] == number
+
+
+@pytest.mark.parametrize("bits", [8, 10, 12])
+def test_the_whole_table_follows_from_the_rules_on_words_as_texts(bits: int) -> None:
+    """Smallest rotation; an even number of ones; a pair of ones across from each other; not all ones."""
+    words = []
+    for k in range(1 << bits):
+        word = f"{k:0{bits}b}"
+        opposite = any(word[j] == word[j + bits // 2] == "1" for j in range(bits // 2))
+        if (
+            word.count("1") % 2 == 0
+            and opposite
+            and "0" in word
+            and word == min(word[j:] + word[:j] for j in range(bits))
+        ):
+            words.append(word)
+    assert [f"{word:0{bits}b}" for word in code_words(bits)] == words
+
+
+def test_the_printed_numbers_are_read_in_the_photograph() -> None:
+    """Read the other way round, or with another number for a word, these would be others of the valid numbers."""
+    found = detect_in_photograph(
+        read_photograph(PHOTOGRAPHS / "ring14_plate_cut.png"), parse_target("ring14")
+    ).observations
+    at = {int(code): xy for code, xy in zip(found.code, found.xy_px, strict=True) if code > 0}
+    assert set(at) == set(PRINTED)
+    for number, place in {3: (58, 283), 4: (202, 298), 5: (347, 312), 13: (72, 128), 14: (216, 141),
+                          15: (358, 156)}.items():  # fmt: skip
+        assert np.linalg.norm(at[number] - place) < 2, number
+
+
+def test_all_circles_of_a_kept_photograph_are_found_in_their_places() -> None:
+    found = detect_in_photograph(read_photograph(PHOTOGRAPHS / "circle_grid_00003.jpg"), parse_target("circles:10x8"))
+    assert found.notes[0] == ON_WHITE
+    here = found.place[:, 0] >= 0
+    assert here.sum() == 80
+    assert {tuple(place) for place in found.place[here].tolist()} == {(c, r) for c in range(10) for r in range(8)}
