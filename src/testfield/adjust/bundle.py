@@ -82,7 +82,12 @@ def adjust(
     naming those that are loose.
     """
     with threadpool_limits(1, "blas"):  # many small products: BLAS' own threads would only wait for each other
-        return _adjust(network, labels, robust, datum_points, most_steps)
+        found = _adjust(network, labels, robust, datum_points, most_steps)
+        if found.converged or robust or most_steps == 0:
+            return found
+        # A weak network creeps along a curved valley: a whole step raises chi-squared before the next lowers it.
+        nearer = undamped(found.network, labels, most_steps // 2)
+        return _adjust(nearer, labels, robust, datum_points, most_steps) if chi2_of(nearer) < found.chi2 else found
 
 
 def _adjust(

@@ -19,8 +19,10 @@ def weak_unknowns(covariance: np.ndarray, labels: list[str]) -> list[str]:
     for k in np.flatnonzero(values < WEAK):
         share = np.abs(vectors[:, k])
         named = [labels[i] for i in np.argsort(-share)[:6] if share[i] > NAMED * share.max()]
-        factor = 1 / np.sqrt(max(values[k], 1e-300))
-        notes.append(f"hardly determined together: {', '.join(named)} ({factor:.0f} times less than each alone)")
+        # Below this an eigenvalue is rounding.
+        least = len(values) * np.finfo(float).eps
+        factor = f"{1 / np.sqrt(values[k]):.2g}" if values[k] > least else f"more than {1 / np.sqrt(least):.0g}"
+        notes.append(f"hardly determined together: {', '.join(named)} ({factor} times less than each alone)")
     return notes
 
 
