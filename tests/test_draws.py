@@ -95,7 +95,8 @@ def test_blocks_of_rays_are_different_draws(
     class Ready:
         code = by_hand.points.code
 
-        def draw(self, trials: int, rng: np.random.Generator) -> np.ndarray:
+        def draw(self, trials: range, seed: int) -> np.ndarray:
+            rng = np.random.default_rng([seed, trials.start])
             return by_hand.points.xyz_mm + rng.standard_normal((200, len(self.code), 3))
 
     monkeypatch.setattr(rays.RayTrials, "of", staticmethod(lambda *_: Ready()))
@@ -139,12 +140,12 @@ def test_trials_are_different_draws_of_pixels_and_of_certificates(
 
 
 def test_pixels_and_certificates_are_drawn_from_the_generator_that_is_given(by_hand: HandMade) -> None:
-    pixels = [draw_pixels(by_hand.observations, generator(1, f"{k}")).xy_px - by_hand.observations.xy_px
+    o, field = by_hand.observations, by_hand.world.field
+    pixels = [draw_pixels(o, field, seed_of(1, f"{k}")).xy_px - o.xy_px
               for k in range(4)]  # fmt: skip
     unlike(pixels)
-    rng = generator(1, "one")
-    sheets = [draw_certificates(by_hand.observations, by_hand.calibration, by_hand.world.field, rng)[1]
-              for _ in range(3)]  # fmt: skip
+    sheets = [draw_certificates(by_hand.observations, by_hand.calibration, by_hand.world.field, seed_of(1, f"{k}"))[1]
+              for k in range(3)]  # fmt: skip
     assert len({bar.length_mm for sheet in sheets for bar in sheet.scale_bars[1:2]}) == 3
 
 
@@ -159,7 +160,7 @@ def test_worlds_of_other_seeds_are_other_draws_of_print_bars_and_pixels() -> Non
     lengths = {np.linalg.norm(np.diff(world.mark_world_mm[world.marks.role == BAR][:2], axis=0)) for world in worlds}
     assert len(lengths) == 3
     views = see(worlds[0])
-    pixels = [draw_observations(scene, worlds[0], views, generator(seed, "pixels")).xy_px for seed in range(6)]
+    pixels = [draw_observations(scene, worlds[0], views, seed_of(seed, "pixels")).xy_px for seed in range(6)]
     unlike([pixels[k] - pixels[k + 1] for k in (0, 2, 4)])
 
 

@@ -38,7 +38,7 @@ def measured(by_hand: HandMade, tmp_path_factory: pytest.TempPathFactory) -> tup
     """The folder of a measurement of the hand-made field, of which one point has no code, and its summary."""
     folder = tmp_path_factory.mktemp("measured")
     points = replace(by_hand.points, code=np.where(by_hand.points.code == 37, -1, by_hand.points.code))
-    lengths, notes = _lengths(Certified(by_hand.world.field.scale_bars, {}, {}), points)
+    lengths, notes = _lengths(Certified(by_hand.world.field.scale_bars, {}, {}), points, set())
     assert len(notes) == 1 and "check three" in notes[0]
     o = by_hand.observations
     o = replace(o, point=np.where(o.status == MEASURED, 0, -1))
@@ -58,8 +58,8 @@ def test_a_measurement_compares_lengths_as_the_hand_does(measured: tuple[Path, d
     page = Page((folder / "report.html").read_text(encoding="utf-8"))
     assert page.table("distance", "role") == [
         ["control bar", "control", "31 – 32", "900.0000", "0.0060", "900.0040", "0.0040", "+0.0040", "–"],
-        ["check one", "check", "33 – 34", "700.0000", "0.0030", "700.0120", "0.0040", "+0.0120", "1.2"],
-        ["check two", "check", "35 – 36", "500.0000", "0.0030", "499.9850", "0.0040", "-0.0150", "-1.5"],
+        ["check one", "check", "33 – 34", "700.0000", "0.0030", "700.0120", "0.0040", "+0.0120", "failed"],
+        ["check two", "check", "35 – 36", "500.0000", "0.0030", "499.9850", "0.0040", "-0.0150", "failed"],
     ]
 
 
@@ -69,7 +69,7 @@ def test_a_measurement_counts_and_sums_as_the_hand_does(measured: tuple[Path, di
     u_mm = (372 / 39) ** 0.5 * UM
     across = (2000.002**2 + 1299.994**2 + 6500.023**2) ** 0.5
     expected = ["2 of 2", "17; 321", "0.1230 px", "1.05", "1001.00 px", "12; 1", f"{u_mm:.4f} mm",
-                f"1 : {across / u_mm:,.0f}", "-0.0150 mm"]  # fmt: skip
+                f"1 : {across / u_mm:,.0f}", "-0.0150 mm, FAILED (E_n -1.50)"]  # fmt: skip
     assert [value for _, value in summary["figures"]] == expected
     assert (summary["points"], summary["uncoded"], summary["sigma0"]) == (13, 1, 1.05)
     assert summary["interior_u"] == pytest.approx({"cx": 0.1, "fx": 1.0, "fy": 1.0})
@@ -205,6 +205,7 @@ def test_recall_counts_what_is_found_missed_misread_and_false() -> None:
     found = Targets(
         np.array([xy for xy, *_ in look], float), none, none, np.ones(n), np.ones(n),
         np.array([code for _, code, _ in look]), none, np.array([status for *_, status in look], object),
+        np.full(n, 500.0), np.full(n, 2000.0),
     )  # fmt: skip
     recall = Recall()
     count(recall, view, found)

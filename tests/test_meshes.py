@@ -334,7 +334,7 @@ BAD = {
     "missing": ("none.stl", {}, "", ["meshes[0].file", "none.stl", "no such mesh file"]),
     "unreadable": ("bad.glb", {}, "", ["meshes[0].file", "bad.glb", "not a readable mesh"]),
     "not an STL": ("bad.stl", {}, "", ["meshes[0].file", "bad.stl", "no faces"]),
-    "unknown format": ("bad.xyz9", {}, "", ["meshes[0].file", "bad.xyz9", "not a readable mesh"]),
+    "unknown format": ("bad.xyz9", {}, "", ["meshes[0].file", "bad.xyz9", "STL"]),
     "empty": ("empty.ply", {}, "", ["meshes[0].file", "empty.ply", "no faces"]),
     "too large": ("lump.stl", {"unit": '"m"', "position_mm": "[0, 0, 0]"}, "", ["meshes[0].unit", "'m'", "lump.stl"]),
     "too small": ("lump.stl", {"unit": '"um"'}, "", ["meshes[0].unit", "'um'", "lump.stl"]),

@@ -80,7 +80,6 @@ BAD = {
     "no such point": (at("point", 3, POINTS), "row 3", "point"),
     "point -1": (at("point", 3, -1), "row 3", "point"),
     "another point's code": (at("code", 3, 5), "row 3", "code"),
-    "same point twice": (at("point", 12, 11), "row 12", "point"),
     "moment NaN": (at("moment_xx_px2", 5, np.nan), "row 5", "moment_xx_px2"),
     "moment zero": (at("moment_yy_px2", 5, 0.0), "row 5", "moment_yy_px2"),
     "station empty": (at("station", 9, ""), "row 9", "station"),
@@ -144,13 +143,13 @@ def _set(key: str, value: object) -> Callable[[dict], None]:
 @pytest.mark.parametrize(
     ("change", "word"),
     [
-        (_set("station_names", ["photo"]), "photo"),
-        (_set("station_names", ["left", "right"]), "station_names"),
+        (_set("station_names", ["photo"]), "station:left"),
+        (_set("station_names", ["left", "right"]), "stations"),
         (_set("covariance", np.eye(6).tolist()), "covariance"),
         (_set("covariance", (-np.eye(7)).tolist()), "covariance"),
         (_set("scale", float("nan")), "scale"),
-        (lambda tree: tree["stations"][0].update(R=(2 * np.eye(3)).tolist()), "left"),
-        (lambda tree: tree["interior"].update(fx=-900.0), "fx"),
+        (lambda tree: tree["stations"][0].update(R=(2 * np.eye(3)).tolist()), "stations"),
+        (lambda tree: tree["interior"].update(fx=-900.0), "interior"),
         (lambda tree: tree.pop("labels"), "labels"),
     ],
 )

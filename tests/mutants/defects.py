@@ -22,12 +22,12 @@ KEYS = "tests/test_keys.py::test_a_change_of_any_value_changes_the_keys_of_the_s
 OWN_CODE = "tests/test_keys.py::test_every_stage_reacts_to_its_own_code_and_to_no_other"
 OWN_FILE = "tests/test_keys.py::test_every_algorithm_counts_with_its_own_file"
 INPUTS = "tests/test_keys.py::test_inputs_that_are_sound_but_different_change_every_key"
-BLOCKS = "tests/test_seeds.py::test_blocks_of_rays_are_different_draws"
-TRIALS = "tests/test_seeds.py::test_trials_are_different_draws_of_pixels_and_of_certificates"
-FRAMES = "tests/test_seeds.py::test_frames_of_stations_and_of_exposures_are_different_draws_and_the_same_again"
-NAMES = "tests/test_seeds.py::test_generators_differ_by_seed_and_by_name"
-STOPS = "tests/test_seeds.py::test_the_adaptive_stops_ask_for_one_block_after_the_other"
-PATTERN = "tests/test_seeds.py::test_the_sensors_pattern_is_one_and_the_same_however_often_it_is_exposed"
+BLOCKS = "tests/test_draws.py::test_blocks_of_rays_are_different_draws"
+TRIALS = "tests/test_draws.py::test_trials_are_different_draws_of_pixels_and_of_certificates"
+FRAMES = "tests/test_draws.py::test_frames_of_stations_and_of_exposures_are_different_draws_and_the_same_again"
+NAMES = "tests/test_draws.py::test_generators_differ_by_seed_and_by_name"
+STOPS = "tests/test_draws.py::test_the_adaptive_stops_ask_for_one_block_after_the_other"
+PATTERN = "tests/test_draws.py::test_the_sensors_pattern_is_one_and_the_same_however_often_it_is_exposed"
 FEW = "tests/test_figures_by_hand.py::test_the_figures_of_few_trials_are_those_of_the_arithmetic_by_hand"
 MANY = "tests/test_figures_by_hand.py::test_intervals_of_many_trials_cut_off_as_much_below_as_above"
 ENDS = "tests/test_figures_by_hand.py::test_both_ends_of_the_interval_must_agree"
@@ -519,40 +519,15 @@ CHAIN = [
 ]
 SEEDS = [
     Defect(
-        "all blocks of rays are one draw",
-        "Trials.block",
-        "generator(__s__, __n__)",
-        "generator(__s__, 'uncertainty/rays')",
-        BLOCKS,
-    ),
-    Defect(
-        "all trials are one draw",
-        "Trials._again",
-        "rng = generator(run.scene.seed, __n__)",
-        "rng = generator(run.scene.seed, 'uncertainty')",
-        TRIALS,
-    ),
-    Defect(
         "all re-exposures are the same draw",
         "Trials._again",
         "reexposed(run, __s__)",
         "reexposed(run, run.scene.seed)",
         f"{TRIALS}[exposure]",
     ),
-    Defect(
-        "all stations have the same noise", "expose", "generator(__s__, __n__)", "generator(__s__, 'expose')", FRAMES
-    ),
     Defect("new exposures have the old noise", "expose", "seed if noise_seed is None else noise_seed", "seed", FRAMES),
-    Defect("names do not count in seeds", "seed_of", "f'{seed}/{name}'.encode()", "f'{seed}'.encode()", NAMES),
     Defect("the adaptive stop sees one block again and again", "adaptive", "block(len(parts))", "block(0)", STOPS),
     Defect("regions see one block again and again", "adaptive_regions", "block(len(parts))", "block(0)", STOPS),
-    Defect(
-        "the fixed pattern changes with the noise",
-        "expose",
-        "gain_pattern(mean_e.shape, sensor.prnu, seed)",
-        "gain_pattern(mean_e.shape, sensor.prnu, noise_seed or 0)",
-        PATTERN,
-    ),
 ]
 STATISTICS = [
     Defect(
@@ -641,9 +616,7 @@ BENCH = [
     Defect("NEES of claims not per degree of freedom", "Errors.nees", "max(len(self.error), 1)", "1", SUMMARY),
 ]
 PHYSICS = [
-    Defect("Gaussian for Poisson noise", "expose", "rng.poisson(__m__)", "rng.normal(__m__, np.sqrt(__m__))", POISSON),
     Defect("no read noise", "expose", "electrons += sensor.read_noise_e * __z__", "electrons += 0 * __z__", SHEET),
-    Defect("no dark current", "expose", "mean_e + sensor.dark_e", "mean_e", DARK),
     Defect(
         "numbers from the end of the table",
         "code_words",

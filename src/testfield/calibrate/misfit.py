@@ -12,6 +12,7 @@ from testfield.adjust.reliability import global_test
 from testfield.calibrate.calibration import Calibration
 from testfield.calibrate.lens_misfit import SIGNIFICANT, LensMisfit, lens_misfit, with_lens_misfit
 from testfield.calibrate.unflat_boards import unflat, with_heights
+from testfield.errors import TestfieldError
 
 ROUNDS = 3
 """How often at most observations are scaled until they scatter as they claim, or the model is asked again."""
@@ -78,6 +79,13 @@ def misfit_of(adjustment: Adjustment, names: Names, freedom: int) -> Misfit:
     The lens is always asked; boards only where observations scatter more than they claim. Where both fail, the worse
     comes first and the other is asked with the first in the model.
     """
+    try:
+        return _asked(adjustment, names, freedom)
+    except TestfieldError:  # too little is left of the observations to ask for more
+        return NO_MISFIT
+
+
+def _asked(adjustment: Adjustment, names: Names, freedom: int) -> Misfit:
     network = adjustment.network
     excess = excess_of(adjustment)
     base = replace(network, cov_px2=excess * network.cov_px2)

@@ -146,7 +146,6 @@ def _meaning(rows: _Rows) -> Iterator[TestfieldError]:
             "write a quarter of the squared half-axes in px^2, or centre_of_disc = False in the metadata",
         )  # fmt: skip
     yield from _numbers(rows)
-    yield from _twice(rows)
     if rows.size_px is not None:
         yield from _units(rows, *rows.size_px)
 
@@ -186,21 +185,6 @@ def _numbers(rows: _Rows) -> Iterator[TestfieldError]:
             f"the field sheet gives another code to this point of board '{sheet.name}'",
             "give the point that carries the code, or code 0",
         )  # fmt: skip
-
-
-def _twice(rows: _Rows) -> Iterator[TestfieldError]:
-    """The same mark twice in an image: nobody knows which one it is."""
-    code, board, point = (rows.column[name] for name in INTEGERS)
-    named = np.flatnonzero(rows.measured & ((board >= 0) | (code > 0)))
-    _, image = np.unique(rows.column["station"].astype(str), return_inverse=True)
-    keys = np.stack([image, board, np.where(board >= 0, point, code)], axis=1)[named]
-    _, first, place = np.unique(keys, axis=0, return_index=True, return_inverse=True)
-    again = np.zeros(len(code), bool)
-    again[named] = first[place.ravel()] != np.arange(len(named))
-    if again.any():
-        before = int(named[first[place.ravel()[np.searchsorted(named, np.argmax(again))]]])
-        why = f"the image has this mark already in row {before}"
-        yield from rows.wrong(again, "point", why, "keep the row that is right")
 
 
 def _units(rows: _Rows, width: int, height: int) -> Iterator[TestfieldError]:

@@ -178,6 +178,7 @@ class _PatternSheet(Sheet):
     mark_mm: Uncertainty = 0.0
     names: str = ""
     first_tag: Count = 0
+    legacy: bool = False
 
 
 class _BoardSheet(Sheet):
