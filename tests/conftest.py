@@ -28,6 +28,11 @@ def by_hand() -> HandMade:
 
 OPEN_FAULTS = (
     (
+        "test_opencv_boards.py",
+        "test_corners_are_never_shifted_as_discs_are",
+        "corners taken for discs now show as a wrong sheet, not in sigma0: ask for that",
+    ),
+    (
         "test_bench_detect.py",
         "test_a_run_that_was_stopped_goes_on_and_gives_the_same_bytes",
         "identifiers in a drawing differ from one call to the next",
