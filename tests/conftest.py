@@ -33,26 +33,6 @@ OPEN_FAULTS = (
         "corners taken for discs now show as a wrong sheet, not in sigma0: ask for that",
     ),
     (
-        "test_bench_detect.py",
-        "test_a_run_that_was_stopped_goes_on_and_gives_the_same_bytes",
-        "identifiers in a drawing differ from one call to the next",
-    ),
-    (
-        "test_run.py",
-        "test_a_damaged_ledger_only_costs_time",
-        "without a ledger a run takes its own frames for somebody else's and refuses",
-    ),
-    (
-        "test_uncertainty.py",
-        "test_the_small_sibling_obeys_the_law",
-        "one draw of noise by pixel misses the law: chance or fault is not known",
-    ),
-    (
-        "test_wrong_sheets.py",
-        "test_photographs_by_a_second_camera_are_named",
-        "ends in an error that names no camera",
-    ),
-    (
         "test_residual_field.py",
         "test_a_field_of_a_tenth_of_a_pixel_is_found_and_what_is_left_of_it_is_stated",
         "one of its fields is found smaller than asked",

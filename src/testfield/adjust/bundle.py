@@ -153,7 +153,10 @@ def undamped(network: Network, labels: list[str], steps: int) -> Network:
         for _ in range(steps):
             equations, ways = _equations(network, structure, whitening, np.ones(len(network.point)))
             normal, right, inverse = equations.reduced(0.0)
-            step = Factor(normal, labels, ways[0]).solve(right)
+            try:
+                step = Factor(normal, labels, ways[0]).solve(right)
+            except TestfieldError:  # so far off that nothing is determined there
+                break
             network = network.moved(step, equations.back_substituted(step, inverse))
             chi2 = chi2_of(network)
             if not np.isfinite(chi2):

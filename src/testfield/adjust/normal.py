@@ -182,11 +182,15 @@ class Factor:
     held still; a singular one is an error that names its unknowns."""
 
     def __init__(self, normal: np.ndarray, labels: list[str], open_ways: np.ndarray | None = None):
-        self.scale = 1 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
+        own = np.diag(normal)
+        self.scale = 1 / np.sqrt(np.where(own > 0, own, 1))  # nothing is known where the diagonal is not positive
         unit = normal * self.scale[:, None] * self.scale[None, :]
         if open_ways is not None and open_ways.shape[1]:
             basis = np.linalg.qr(open_ways / self.scale[:, None])[0]
             unit = unit + basis @ basis.T
+        if not np.isfinite(unit).all():
+            raise TestfieldError("the adjustment runs away: its equations are no finite numbers", "observations",
+                                 "check that images, boards and points are named as they are")  # fmt: skip
         try:
             self.factor = cho_factor(unit)
             sound = float(np.min(np.abs(np.diag(self.factor[0])), initial=1)) ** 2 > SINGULAR

@@ -1,6 +1,5 @@
 """The centring benchmark as figures, a page and JSON."""
 
-import io
 import json
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,7 @@ import numpy as np
 from testfield.bench.centring import BEST, KNOWN
 from testfield.bench.detect import CHI2, FACTORS, LEAST_EFFICIENCY, MOST_BIAS, text
 from testfield.bench.dots import Case
-from testfield.report.style import ACCENT, FAINT, INK, figure
+from testfield.report.style import ACCENT, FAINT, INK, figure, svg_of
 from testfield.store.text import read_text, write_text
 
 LABELS = {
@@ -125,9 +124,7 @@ def draw(factor: str, rows: list[dict[str, Any]]) -> bytes:
             [handles[k] for k in order], [labels[k] for k in order], loc="outside upper center", ncols=5,
             frameon=False, fontsize=8.5, handlelength=3,
         )  # fmt: skip
-        buffer = io.BytesIO()
-        drawing.savefig(buffer, format="svg", metadata={"Date": None})
-    return buffer.getvalue()
+        return svg_of(drawing)
 
 
 def _line(

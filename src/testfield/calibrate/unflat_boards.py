@@ -78,7 +78,8 @@ def _minus_likelihood(network: Network, labels: list[str], freedom: int) -> tupl
         normal = normal + np.trace(normal) / len(normal) * basis @ basis.T
     seen = network.seen_points[network.point_board[network.seen_points] >= 0]
     blocks = np.linalg.slogdet(found.equations.point_normal)[1].sum()
-    prior = np.log(network.information[seen, 2, 2]).sum()
+    told = network.information[seen, 2, 2]
+    prior = np.log(told[told > 0]).sum()  # marks whose places were set free are the same for any height
     value = freedom * np.log(found.chi2) + float(np.linalg.slogdet(normal)[1] + blocks - prior)
     return value, found.chi2 / freedom, found.network
 

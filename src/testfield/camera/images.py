@@ -140,7 +140,7 @@ class Radiance:
         if wrong.any():
             row, column = np.argwhere(wrong)[0]
             raise TestfieldError(
-                f"the radiance of {wrong.sum()} pixels is no finite number, the first in row {row}, column {column}",
+                f"the radiance of {wrong.sum()} pixels is no finite number, the first at x = {column}, y = {row}",
                 f"station {self.station}",
                 "report this, with the scene",
             )

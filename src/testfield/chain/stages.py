@@ -105,7 +105,12 @@ def frame_names(station: str) -> tuple[str, str]:
 
 
 def frames_of_others(run: Run) -> list[str]:
-    """Images and sensor sheets in frames/ that are sound and were not made by this run."""
+    """Images and sensor sheets in frames/ that are sound and were not made by this run.
+
+    Where the ledger was damaged nobody knows yet; a file that is made again with other bytes is refused when it comes.
+    """
+    if run.ledger.damaged:
+        return []
     return [file for name in run.stations for file in frame_names(name) if run.ledger.foreign(file)]
 
 

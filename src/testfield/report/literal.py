@@ -1,10 +1,15 @@
-"""Figures whose labels are drawn as they are written: a name is no formula."""
+"""Figures whose labels are drawn as they are written, and that are the same bytes each time."""
 
 from typing import Any
 
+import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import PlaceHolderLayoutEngine
 from matplotlib.text import Text
 from matplotlib.ticker import LogFormatter
+
+DIGITS = 6
+"""Of positions, as parts of the figure."""
 
 
 class LiteralFigure(Figure):
@@ -12,7 +17,10 @@ class LiteralFigure(Figure):
 
     def draw(self, renderer: Any) -> None:
         """Draw the figure."""
+        self._lay_out()
         powers = set()
+        for part in self.subfigs:
+            part.bbox_relative.set_points(np.round(part.bbox_relative.get_points(), DIGITS))
         for axes in self.axes:
             for axis in (axes.xaxis, axes.yaxis):
                 formats = (axis.get_major_formatter(), axis.get_minor_formatter())
@@ -22,3 +30,13 @@ class LiteralFigure(Figure):
             if id(text) not in powers:
                 text.set_parse_math(False)
         super().draw(renderer)
+
+    def _lay_out(self) -> None:
+        """Settle where axes lie: the solver of constraints orders them by address, so its last digits change."""
+        engine = self.get_layout_engine()
+        if engine is None or isinstance(engine, PlaceHolderLayoutEngine):
+            return
+        engine.execute(self)
+        self.set_layout_engine("none")
+        for axes in self.axes:
+            axes.set_position(np.round(axes.get_position(original=True).bounds, DIGITS).tolist(), which="original")

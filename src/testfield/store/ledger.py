@@ -67,13 +67,14 @@ class Ledger:
 
     def __init__(self, folder: Path):
         self.folder, self.path = folder, folder / "run.json"
+        self.damaged = False
+        """Whether there was a ledger that nobody can read: nothing is known to be good, so everything is made again."""
         try:
             book = _Book.model_validate_json(read_text(self.path))
         except (FileNotFoundError, NotADirectoryError):
             book = _Book()
         except (ValidationError, ValueError):
-            # Damaged: nothing is known to be good, so everything is made again.
-            book = _Book()
+            book, self.damaged = _Book(), True
         self.files, self.coming = book.files, book.coming
         self.notes: dict[str, Any] = book.notes.model_dump(exclude_unset=True)
 
