@@ -182,7 +182,7 @@ def _calibration(world: World) -> Calibration:
     return Calibration(
         "hand", world.interior.with_parameters(np.array([1001.0, 1001, 499.8, 399.5, 0, 0, 0, 0, 0])),
         world.station_name, _STATIONS, ("A", "C", "B"), boards, 1.000035, covariance, labels, 1.05, 250, 0.123,
-        321, rejected, np.array([[500.0, 400.0]] * 3), np.array([[0.1, 0.0]] * 3),
+        321, rejected, np.array([[100.0, 100], [900, 150], [500, 700]]), np.array([[0.1, 0.0]] * 3),
         (("left", "A", 6), ("right", "B", 4), ("left", "C", 2)), ("a note",), joints, quality, test,
     )  # fmt: skip
 
@@ -223,14 +223,17 @@ class Page(HTMLParser):
     def __post_init__(self) -> None:
         super().__init__()
         self._text = self._value = ""
+        self._in_cell = False
         self.feed(self.html)
 
     def handle_starttag(self, tag: str, attrs: list) -> None:
+        if tag in ("td", "th"):
+            self._in_cell = True
         if tag == "table":
             self.tables.append([])
         elif tag == "tr":
             self.tables[-1].append([])
-        if tag in ("td", "th", "p", "b", "span"):
+        if tag in ("td", "th", "p") or (tag in ("b", "span") and not self._in_cell):
             self._text = ""
         elif tag in ("br", "small"):
             self._text += " "
@@ -241,6 +244,7 @@ class Page(HTMLParser):
     def handle_endtag(self, tag: str) -> None:
         text = " ".join(self._text.split())
         if tag in ("td", "th"):
+            self._in_cell = False
             self.tables[-1][-1].append(text)
         elif tag == "b":
             self._value = text

@@ -58,8 +58,8 @@ def test_a_measurement_compares_lengths_as_the_hand_does(measured: tuple[Path, d
     page = Page((folder / "report.html").read_text(encoding="utf-8"))
     assert page.table("distance", "role") == [
         ["control bar", "control", "31 – 32", "900.0000", "0.0060", "900.0040", "0.0040", "+0.0040", "–"],
-        ["check one", "check", "33 – 34", "700.0000", "0.0030", "700.0120", "0.0040", "+0.0120", "failed"],
-        ["check two", "check", "35 – 36", "500.0000", "0.0030", "499.9850", "0.0040", "-0.0150", "failed"],
+        ["check one", "check", "33 – 34", "700.0000", "0.0030", "700.0120", "0.0040", "+0.0120", "1.2 failed"],
+        ["check two", "check", "35 – 36", "500.0000", "0.0030", "499.9850", "0.0040", "-0.0150", "-1.5 failed"],
     ]
 
 

@@ -330,7 +330,9 @@ def test_the_small_sibling_obeys_the_law(tmp_path: Path) -> None:
     rmse = np.sqrt((score.fitted_mm**2).mean())
     # One direction holds two fifths of the variance, so the square is a skew sum of few squares: its 99.9 % interval.
     strengths = np.linalg.eigvalsh(C) / np.trace(C)
-    least, most = np.quantile(np.random.default_rng(9).standard_normal((100_000, len(C))) ** 2 @ strengths, (0.0005, 0.9995))
+    least, most = np.quantile(
+        np.random.default_rng(9).standard_normal((100_000, len(C))) ** 2 @ strengths, (0.0005, 0.9995)
+    )
     assert least < (rmse / predicted) ** 2 < most
     assert run.world.field_diagonal_mm / rmse > 300_000
     low, high = nees_band(score.error_mm.size, 0.999)

@@ -16,6 +16,7 @@ from testfield.adjust.linear import Structure, linearise
 from testfield.adjust.network import EXACT_MM, Network
 from testfield.adjust.normal import Factor, NormalEquations
 from testfield.camera.project import project_unchecked
+from testfield.errors import TestfieldError
 
 MOST_STEPS = 60
 NEGLIGIBLE = 1e-2

@@ -50,11 +50,11 @@ def jobs_of(asked: int) -> int:
 
 def show_result(folder: Path, as_json: bool) -> None:
     """The ten figures and where the report is, or the scorecard as one JSON object."""
-    from testfield.score.scorecard import load_scorecard, ten_figures
+    from testfield.score.scorecard import FORMAT, load_scorecard, ten_figures
 
     card = load_scorecard(folder / "scorecard.json")
     if as_json:
-        print(json.dumps(card, indent=1, allow_nan=False))
+        print(json.dumps({"format": FORMAT} | card, indent=1, allow_nan=False))
         return
     rows = ten_figures(card)
     width = max(len(title) for title, _ in rows)
