@@ -1,13 +1,16 @@
 .PHONY: demo test test-all torture check mutants mutation setup clean
 
+# Two tests at once, each with one thread of linear algebra: more would only wait for each other.
+PYTEST = OMP_NUM_THREADS=1 .venv/bin/python -m pytest -q -n 2 --dist worksteal --durations 15
+
 demo: setup
 	.venv/bin/testfield run scenes/stitched_wall.toml
 
 test: setup check
-	.venv/bin/python -m pytest -q -m "not slow"
+	$(PYTEST) -m "not slow"
 
 test-all: setup check
-	.venv/bin/python -m pytest -q
+	$(PYTEST)
 
 torture: setup
 	.venv/bin/python tests/torture/run.py

@@ -10,15 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-import testfield.render.llvm
 from testfield.chain.run import Run, resume
 from testfield.chain.trials import reexposed
 from testfield.registry import find
+from testfield.render.jit_core import VARIABLE
 from testfield.score.scorecard import plain, scorecard
 
-QUICK = Path(__file__).parents[1] / "scenes/quick.toml"
-CHOICE, TARGETS = "TESTFIELD_LLVM_TARGET", ("x86-64-v2", "x86-64-v3", "native")
-DRAWS = 8
+SCENES = Path(__file__).parents[1] / "scenes"
+TARGETS = ("x86-64-v2", "x86-64-v3", "native")
 
 
 def numbers(card: Any, name: str = "") -> dict[str, float]:
@@ -46,22 +45,24 @@ def another_draw(run: Run, seed: int, folder: Path) -> dict[str, float]:
 
 
 @pytest.mark.slow
-def test_scorecards_agree_between_processors_to_a_hundredth_of_their_uncertainty(tmp_path: Path) -> None:
-    source = Path(testfield.render.llvm.__file__).parent
-    if not any(CHOICE in path.read_text() for path in source.glob("*.py")):
-        pytest.skip(f"{CHOICE} chooses nothing here")
+@pytest.mark.parametrize(("scene", "draws"), [("quick", 8), ("stitched_wall", 4)])
+def test_scorecards_agree_between_processors_to_a_hundredth_of_their_uncertainty(
+    scene: str, draws: int, tmp_path: Path
+) -> None:
     cards = {}
     for target in TARGETS:
-        command = [sys.executable, "-m", "testfield", "run", str(QUICK), "--out", str(tmp_path / target), "--jobs", "1"]
-        subprocess.run(command, check=True, env=os.environ | {CHOICE: target}, capture_output=True)
+        path, out = SCENES / f"{scene}.toml", tmp_path / target
+        choice = {} if target == "native" else {VARIABLE: target}
+        environment = {name: value for name, value in os.environ.items() if name != VARIABLE} | choice
+        subprocess.run([sys.executable, "-m", "testfield", "run", path, "--out", out], check=True, env=environment)
         card = json.loads((tmp_path / target / "scorecard.json").read_text())
         cards[target] = numbers({key: value for key, value in card.items() if key != "time_s"})
     run = resume(tmp_path / "native", 1)
-    draws = [another_draw(run, seed, tmp_path) for seed in range(DRAWS)]
+    others = [another_draw(run, seed, tmp_path) for seed in range(draws)]
     off = {}
     for name, value in cards["native"].items():
-        values = [draw[name] for draw in draws if name in draw]
-        u = np.std(values, ddof=1) if len(values) == DRAWS else 0.0
+        values = [other[name] for other in others if name in other]
+        u = np.std(values, ddof=1) if len(values) == draws else 0.0
         worst = max(abs(cards[target][name] - value) for target in TARGETS)
         if worst > 0.01 * u + 1e-12 * abs(value):
             off[name] = (worst, u)
