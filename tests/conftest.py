@@ -1,4 +1,4 @@
-"""The quick scene's run, made once for all tests that look at a finished run."""
+"""Finished runs, each made once for all tests that look at one."""
 
 from pathlib import Path
 
@@ -9,12 +9,22 @@ from testfield.chain.run import Run, begin
 from testfield.chain.stages import STAGES, run_stage
 
 SCENES = Path(__file__).parents[1] / "scenes"
+TINY = Path(__file__).parent / "torture/tiny.toml"
 
 
 @pytest.fixture(scope="session")
 def quick(tmp_path_factory: pytest.TempPathFactory) -> Run:
     """The finished run of scenes/quick.toml. Read it, do not change it."""
     run, _ = begin(SCENES / "quick.toml", tmp_path_factory.mktemp("runs") / "quick", None, 2)
+    for name in STAGES:
+        run_stage(run, name)
+    return run
+
+
+@pytest.fixture(scope="session")
+def tiny(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """The finished run of four small images of one board, for what is true of any run. Read it, do not change it."""
+    run, _ = begin(TINY, tmp_path_factory.mktemp("runs") / "tiny", None, 1)
     for name in STAGES:
         run_stage(run, name)
     return run

@@ -32,8 +32,10 @@ def world() -> World:
 
 
 def small(world: World) -> World:
-    scale = np.array([0.25] * 4 + [1] * 5)
-    interior = replace(world.interior, width_px=320, height_px=256, parameters=world.interior.parameters * scale)
+    """A quarter of the size, and of the second station's image the columns with boards in them."""
+    first, columns = 104, 120
+    parameters = world.interior.parameters * ([0.25] * 4 + [1] * 5) - first * np.eye(9)[2]
+    interior = replace(world.interior, width_px=columns, height_px=256, parameters=parameters)
     return replace(world, interior=interior, psf_sigma_px=0.0)
 
 

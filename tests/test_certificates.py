@@ -60,7 +60,9 @@ def test_two_bars_that_contradict_are_both_named_and_one_makes_the_scale(truth, 
     assert len(found.calibration.failures) == 1
     assert not found.calibration.test["passed"]
     assert not found.calibration.rejected
-    # Where the wrong one comes first, what is stated covers it.
+
+
+def test_where_the_wrong_of_two_bars_comes_first_what_is_stated_covers_it(truth) -> None:  # type: ignore[no-untyped-def]
     wrong = bar_of(truth, factor=1.005)
     found = calibrated(truth, ties_of(truth, SIGMA_PX), wrong, bar_of(truth, 5, 6))
     assert fitted(found, truth)[1] < 1.6

@@ -639,7 +639,7 @@ def test_every_stage_reacts_to_its_own_code_and_to_no_other(
     scene = parsed(table_of("ambient"), place)
     world = build_world(scene)
 
-    imports = lru_cache(code.imports)  # an empty line more imports nothing else
+    imports = lru_cache(maxsize=None)(code.imports)  # an empty line more imports nothing else
 
     def of_stages() -> dict[str, Any]:
         code.code_digest.cache_clear()

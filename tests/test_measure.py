@@ -26,10 +26,17 @@ from testfield.score.align import rigid_fit
 from testfield.targets.field import Field, NominalBoard
 from testfield.targets.field_file import FieldFile, load_field_file
 from testfield.targets.marks import Marks
+from testfield.uncertainty.halves import NO_HALVES
 
 REAL = Path(__file__).parents[1] / "../shared/real"
 real = pytest.mark.skipif(not REAL.is_dir(), reason="the real photographs (../shared/real) are not here")
 RING = {"target": {"kind": "ring14"}}
+
+
+@pytest.fixture
+def whole_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The halves of the images are not measured too: they take six times as long, and only some tests ask them."""
+    monkeypatch.setattr("testfield.chain.measure.compare_halves", lambda images, measure: NO_HALVES)
 
 
 def observations_of(noise_px: float = SIGMA_PX, coded: int = 20, seed: int = 0) -> tuple[Observations, list[Found]]:
@@ -78,10 +85,12 @@ def test_dots_without_a_code_are_named_by_their_rays_and_join_the_network() -> N
     as_coded = replace_codes(points, owner)
     error, nees = fitted(as_coded, truth)  # type: ignore[arg-type]
     assert np.abs(error).max() < 1
+    assert result.halves.splits == 3
+    assert {d.quantity for d in result.halves.differences} >= {"fx", "cx", "cy"}
     assert 0.75 < nees < 1.3  # 174 degrees of freedom
 
 
-def test_a_check_distance_that_misses_fails_the_measurement() -> None:
+def test_a_check_distance_that_misses_fails_the_measurement(whole_only: None) -> None:
     truth = scene(points=60)
     whole, found = observations_of(coded=60)
     lengths = [float(np.linalg.norm(truth.point_mm[a] - truth.point_mm[a + 1])) for a in (0, 4)]
@@ -176,7 +185,7 @@ def test_without_dots_the_network_stays_as_it_is() -> None:
 
 
 def test_frames_measured_as_photographs_are_as_true_as_claimed(
-    quick: Run, tmp_path: Path, capsys: pytest.CaptureFixture
+    quick: Run, whole_only: None, tmp_path: Path, capsys: pytest.CaptureFixture
 ) -> None:
     (tmp_path / "quick.toml").write_text(
         "[target]\nkind = 'ring14'\ndiameter_mm = 14\n"
@@ -206,7 +215,7 @@ def test_frames_measured_as_photographs_are_as_true_as_claimed(
 
 
 @real
-def test_a_real_plate_is_measured(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+def test_a_real_plate_is_measured(whole_only: None, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     (tmp_path / "plate.toml").write_text("name = 'plate'\n[target]\nkind = 'ring14'\n")
     images, file = str(REAL / "ring14_plate"), str(tmp_path / "plate.toml")
     assert main(["measure", images, "--field", file, "--out", str(tmp_path), "--json"]) == 0

@@ -1,4 +1,4 @@
-"""The chain on the quick scene: what it makes, what it keeps, and what it makes again."""
+"""The chain on small scenes: what it makes, what it keeps, and what it makes again."""
 
 import json
 import math
@@ -19,6 +19,7 @@ from testfield.score.scorecard import figure
 from testfield.uncertainty.consistency import nees_band
 
 QUICK = Path(__file__).parents[1] / "scenes/quick.toml"
+TINY = Path(__file__).parent / "torture/tiny.toml"
 KEYS = (
     "detection.expected", "detection.found", "detection.missed", "detection.false", "detection.wrong_code",
     "detection.centre_rms_px", "detection.centre_bias_px",
@@ -36,10 +37,10 @@ def card_of(run: Run) -> dict:
 
 
 @pytest.fixture
-def copy(quick: Run, tmp_path: Path) -> Run:
-    """A copy of the finished run that a test may damage."""
-    shutil.copytree(quick.folder, tmp_path / "quick")
-    return resume(tmp_path / "quick", 1)
+def copy(tiny: Run, tmp_path: Path) -> Run:
+    """A copy of a finished run that a test may damage."""
+    shutil.copytree(tiny.folder, tmp_path / "tiny")
+    return resume(tmp_path / "tiny", 1)
 
 
 def made_again(run: Run) -> list[str]:
@@ -137,27 +138,27 @@ def _entered(folder: Path) -> list[str]:
     return [name for name in files if name.endswith(".exr")]
 
 
-def test_a_killed_run_continues_to_the_same_result(quick: Run, tmp_path: Path) -> None:
+def test_a_killed_run_continues_to_the_same_result(tiny: Run, tmp_path: Path) -> None:
     folder = tmp_path / "killed"
-    command = [sys.executable, "-m", "testfield", "run", str(QUICK), "--out", str(folder), "--jobs", "2"]
+    command = [sys.executable, "-m", "testfield", "run", str(TINY), "--out", str(folder), "--jobs", "2"]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    while len(_entered(folder)) < 3:
+    while not _entered(folder):
         assert process.poll() is None
         time.sleep(0.02)
     process.send_signal(signal.SIGKILL)
     process.wait()
     done = {folder / name: (folder / name).stat().st_mtime_ns for name in _entered(folder)}
-    assert 3 <= len(done) < len(quick.stations)
-    run, _ = begin(QUICK, folder, None, 2)
+    assert 1 <= len(done) < len(tiny.stations)
+    run, _ = begin(TINY, folder, None, 1)
     for name in STAGES:
         run_stage(run, name)
     for path, when in done.items():
         assert path.stat().st_mtime_ns == when
     for name in ("observations.parquet", "calibration.json", "points.parquet"):
-        assert (folder / name).read_bytes() == (quick.folder / name).read_bytes(), name
-    for station in quick.stations:
+        assert (folder / name).read_bytes() == (tiny.folder / name).read_bytes(), name
+    for station in tiny.stations:
         name = f"frames/{station}.png"
-        assert (folder / name).read_bytes() == (quick.folder / name).read_bytes()
+        assert (folder / name).read_bytes() == (tiny.folder / name).read_bytes()
 
 
 def test_a_peers_observations_enter_at_calibrate(copy: Run) -> None:
@@ -165,7 +166,7 @@ def test_a_peers_observations_enter_at_calibrate(copy: Run) -> None:
 
     path = copy.folder / "observations.parquet"
     observations = Observations.load(path)
-    observations.take(observations.station < 7).save(path)
+    observations.take(observations.station < 3).save(path)
     assert run_stage(copy, "calibrate")
     assert (
         json.loads((copy.folder / "calibration.json").read_text())["used"]
@@ -178,7 +179,7 @@ def test_a_result_of_older_inputs_is_said_to_be_one(copy: Run, capsys: pytest.Ca
     from testfield.detect.observations import Observations
 
     path = copy.folder / "observations.parquet"
-    Observations.load(path).take(Observations.load(path).station < 7).save(path)
+    Observations.load(path).take(Observations.load(path).station < 3).save(path)
     assert main(["score", str(copy.folder)]) == 0
     assert "calibration.json was made from another observations.parquet" in capsys.readouterr().err
 
@@ -200,7 +201,8 @@ def test_a_stage_alone_names_the_damaged_file(copy: Run, name: str, stage: str, 
 
     path = copy.folder / name
     path.write_bytes(path.read_bytes()[:40])
-    assert main([stage, str(copy.folder)]) == 2
+    alone = ["--jobs", "1"] if path.suffix == ".json" and stage == "detect" else []  # others' words come from a worker
+    assert main([stage, str(copy.folder), *alone]) == 2
     assert path.name in capsys.readouterr().err
 
 
@@ -210,11 +212,11 @@ def test_a_frame_of_another_size_is_refused(copy: Run, capsys: pytest.CaptureFix
 
     from testfield.cli.main import main
 
-    cv2.imwrite(str(copy.folder / "frames/station03.png"), np.zeros((512, 640), np.uint16))
-    assert main(["detect", str(copy.folder)]) == 2
+    cv2.imwrite(str(copy.folder / "frames/station03.png"), np.zeros((256, 320), np.uint16))
+    assert main(["detect", str(copy.folder), "--jobs", "1"]) == 2
     said = capsys.readouterr().err
+    assert "320 x 256" in said
     assert "640 x 512" in said
-    assert "1280 x 1024" in said
 
 
 def test_frames_of_ones_own_are_used_and_never_touched(copy: Run, capsys: pytest.CaptureFixture) -> None:
@@ -231,7 +233,7 @@ def test_frames_of_ones_own_are_used_and_never_touched(copy: Run, capsys: pytest
     for command in (["run", str(copy.folder / "scene.toml"), "--out", str(copy.folder)], ["expose", str(copy.folder)]):
         assert main(command) == 2
         assert "station01.png" in capsys.readouterr().err
-    assert main(["detect", str(copy.folder)]) == 0
+    assert main(["detect", str(copy.folder), "--jobs", "1"]) == 0
     said = capsys.readouterr()
     assert "done" in said.out and "station01.png" in said.err and "station02.json" in said.err
     assert {path: path.read_bytes() for path in folder.iterdir()} == mine
@@ -253,7 +255,7 @@ def test_a_scene_edited_in_the_runs_folder_is_not_written_over(copy: Run) -> Non
     mine = path.read_text() + "# mine\n"
     path.write_text(mine)
     with pytest.raises(TestfieldError, match=r"scene\.toml"):
-        begin(QUICK, copy.folder, None, 1)
+        begin(TINY, copy.folder, None, 1)
     assert path.read_text() == mine
     begin(path, copy.folder, None, 1)
     assert path.read_text() == mine
@@ -272,14 +274,14 @@ def test_a_truth_that_was_never_rendered_is_refused(copy: Run, stage: str, capsy
     from testfield.cli.main import main
 
     path = copy.folder / "scene.toml"
-    path.write_text(path.read_text().replace("k1 = -0.09", "k1 = -0.08"))
+    path.write_text(path.read_text().replace("k1 = -0.05", "k1 = -0.04"))
     assert main([stage, str(copy.folder)]) == 2
     assert "scene.toml" in capsys.readouterr().err
 
 
 def test_a_radiance_rendered_anew_leaves_the_old_frames_truth_behind(copy: Run) -> None:
     path = copy.folder / "scene.toml"
-    path.write_text(path.read_text().replace("k1 = -0.09", "k1 = -0.08"))
+    path.write_text(path.read_text().replace("k1 = -0.05", "k1 = -0.04"))
     run = resume(copy.folder, 1)
     run.ledger.files = {name: entry for name, entry in run.ledger.files.items() if not name.endswith(".exr")}
     with pytest.raises(TestfieldError, match=r"frames/station01\.png"):
@@ -293,11 +295,11 @@ def test_what_changes_nothing_of_the_truth_may_be_edited(copy: Run) -> None:
 
 
 def test_a_scene_without_checks_or_bars_still_gives_a_report(tmp_path: Path) -> None:
-    text = QUICK.read_text()
+    text = TINY.read_text()
     start, end = text.index("[[scale_bars]]"), text.index("[[stations]]")
     scene = tmp_path / "bare.toml"
-    scene.write_text((text[:start] + text[end:]).replace("width_px = 1280", "width_px = 1281"))
-    run, _ = begin(scene, tmp_path / "bare", None, 2)
+    scene.write_text((text[:start] + text[end:]).replace("width_px = 640", "width_px = 641"))
+    run, _ = begin(scene, tmp_path / "bare", None, 1)
     for name in STAGES:
         run_stage(run, name)
     assert "No check target was measured" in (run.folder / "report.html").read_text()

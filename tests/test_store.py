@@ -196,11 +196,19 @@ if __name__ == "__main__":
 """
     (tmp_path / "pool.py").write_text(code)
     command = [sys.executable, str(tmp_path / "pool.py")]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, start_new_session=True)
+
+    def heard() -> None:
+        """What started the tests may ignore a hang-up, and its children inherit that."""
+        for one in (signal.SIGTERM, signal.SIGHUP):
+            signal.signal(one, signal.SIG_DFL)
+
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, start_new_session=True, preexec_fn=heard
+    )
     assert process.stdout is not None and process.stdout.readline() == b"begun\n"
     assert len(_children(process.pid)) >= 4  # itself, two workers, their resource tracker
     process.send_signal(number)
-    process.wait()
+    assert process.wait(30) == -number  # the signal ended it, not the end of its work
     until = time.monotonic() + 2
     while _children(process.pid) and time.monotonic() < until:
         time.sleep(0.05)

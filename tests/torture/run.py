@@ -16,13 +16,17 @@ SCENES = HERE.parents[1] / "scenes"
 
 
 def sound_folder(folder: Path) -> Path:
-    """A small finished run with meshes, photographs and a field file beside it; made once."""
+    """A small finished run with meshes, photographs and a field file beside it; made once, of the run in
+    `folder`/finished if there is one."""
     from sound import make_sound
 
     if not (folder / "sound.done").exists():
         shutil.rmtree(folder / "sound", ignore_errors=True)
-        command = [sys.executable, "-m", "testfield", "run", str(HERE / "tiny.toml"), "--out", str(folder / "sound")]
-        subprocess.run([*command, "--jobs", "1"], check=True, capture_output=True)
+        if (folder / "finished").exists():
+            shutil.copytree(folder / "finished", folder / "sound")
+        else:
+            command = [sys.executable, "-m", "testfield", "run", str(HERE / "tiny.toml")]
+            subprocess.run([*command, "--out", str(folder / "sound"), "--jobs", "1"], check=True, capture_output=True)
         make_sound(folder / "sound")
         (folder / "sound.done").touch()
     return folder / "sound"
