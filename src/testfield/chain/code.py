@@ -3,7 +3,7 @@
 import ast
 import hashlib
 import sys
-from functools import lru_cache
+from functools import cache, lru_cache
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from pathlib import Path
@@ -55,7 +55,8 @@ def sources(modules: tuple[str, ...], without: tuple[str, ...] = ()) -> set[Path
     return found
 
 
-def imports(path: Path) -> set[str]:
+@cache
+def imports(path: Path) -> frozenset[str]:
     """Full names of everything a file imports, wherever in it; `from a import b` gives both `a` and `a.b`."""
     names: set[str] = set()
     for node in ast.walk(ast.parse(read_text(path))):
@@ -68,7 +69,7 @@ def imports(path: Path) -> set[str]:
                 base = ".".join([*package, *([base] if base else [])])
             names.add(base)
             names |= {f"{base}.{alias.name}" for alias in node.names}
-    return names
+    return frozenset(names)
 
 
 def _file(module: str) -> Path | None:
