@@ -34,3 +34,10 @@ def tiny(tmp_path_factory: pytest.TempPathFactory) -> Run:
 def by_hand() -> HandMade:
     """A field whose errors are known by hand. Read it, do not change it."""
     return hand_made()
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Tests that look at the quick scene's run are done by one process, so that it is made once."""
+    for item in items:
+        if "quick" in getattr(item, "fixturenames", ()):
+            item.add_marker(pytest.mark.xdist_group("quick"))
