@@ -92,6 +92,32 @@ def test_nothing_found_says_what_was_seen(image, target: str, word: str) -> None
     assert word in said(found)
 
 
+def discs(columns: int, rows: int, asymmetric: bool) -> np.ndarray:
+    """A grid of dark discs on white, 30 px apart; of an asymmetric one OpenCV's columns and rows, 42 px and 21 px."""
+    y, x = np.mgrid[0:1200, 0:1800] / 4
+    image, step = np.full((1200, 1800), 210.0), (42, 21) if asymmetric else (30, 30)
+    for row in range(rows):
+        for column in range(columns):
+            shift = 21 * (row % 2) if asymmetric else 0
+            image[np.hypot(x - 60 - shift - step[0] * column, y - 35 - step[1] * row) < 8] = 40
+    return cv2.GaussianBlur(cv2.resize(image, (450, 300), interpolation=cv2.INTER_AREA), (0, 0), 0.7)
+
+
+@pytest.mark.parametrize(
+    ("grid", "target", "word"),
+    [
+        ((4, 9, True), "acircles:4x11", "asymmetric grid of 4 x 9"),
+        ((4, 8, True), "acircles:4x8", "even number of rows"),
+        ((10, 8, False), "acircles:4x11", "grid of 10 x 8 dots (--target circles:10x8)"),
+        ((10, 8, False), "charuco:7x6:DICT_4X4_50:30:22", "grid of 10 x 8 dots (--target circles:10x8)"),
+    ],
+)
+def test_dots_that_make_no_board_asked_for_are_told_of(grid: tuple[int, int, bool], target: str, word: str) -> None:
+    found = seen(discs(*grid), target)
+    assert not (found.observations.status == MEASURED).any()
+    assert word in said(found)
+
+
 def rings(inner: float, outer: float) -> np.ndarray:
     """Twelve dots on black with rings of 12 segments, three of them bright."""
     y, x = (np.mgrid[0:1200, 0:1600] + 0.5) / 4

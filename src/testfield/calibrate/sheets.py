@@ -18,7 +18,7 @@ from testfield.adjust.reliability import global_test
 from testfield.adjust.snooping import TOLD_APART, Blunder, snoop
 from testfield.calibrate.units import unit_of
 
-FALSE_ALARM = 0.01
+FALSE_ALARM = 0.001
 """Chance that any good certificate at all of one kind is called wrong."""
 LEAST_MM, LEAST_RAD = 1e-3, 1e-6
 """Standard deviations to which exact certificates are loosened while they are suspected: of what cannot move nothing

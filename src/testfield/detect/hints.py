@@ -1,6 +1,7 @@
 """What a photograph shows where what was asked for is not found: one sentence for each thing that was seen."""
 
 from collections import Counter
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -11,7 +12,7 @@ from testfield.detect.decode import decode
 from testfield.detect.eight_bits import pictures
 from testfield.detect.noise import noise_of_pixels
 from testfield.detect.observations import MEASURED, Observations
-from testfield.detect.opencv_boards import tag_detector
+from testfield.detect.opencv_boards import detect_board, tag_detector
 from testfield.detect.target_spec import TargetSpec
 from testfield.targets.board_pattern import dictionaries, dictionary
 from testfield.targets.marks import RADII
@@ -75,7 +76,7 @@ def of_grids(o: Observations, target: TargetSpec) -> tuple[str, ...]:
 
 
 def of_boards(photograph: Photograph, target: TargetSpec) -> tuple[str, ...]:
-    """Tags of other dictionaries, boards of other sizes."""
+    """Tags of other dictionaries, boards and asymmetric grids of other sizes."""
     pixels = photograph.pixels
     scale = LARGEST_PX / max(pixels.shape)
     if scale < 1:
@@ -83,6 +84,8 @@ def of_boards(photograph: Photograph, target: TargetSpec) -> tuple[str, ...]:
     try:
         if target.kind == "checkerboard":
             return _other_checkerboard(pixels, target)
+        if target.kind == "acircles":
+            return _other_asymmetric(pixels, target)
         if target.kind in ("charuco", "aruco", "apriltag"):
             return _other_tags(pixels, target)
     except cv2.error:
@@ -99,6 +102,31 @@ def _other_checkerboard(pixels: np.ndarray, target: TargetSpec) -> tuple[str, ..
                 f"a checkerboard of {columns} x {rows} inner corners; {target.columns} x {target.rows} were asked for",
             )
     return ()
+
+
+def _other_asymmetric(pixels: np.ndarray, target: TargetSpec) -> tuple[str, ...]:
+    columns, rows = target.columns, target.rows
+    if rows % 2 == 0:
+        return ("an asymmetric grid of an even number of rows looks alike upside down, and OpenCV finds none: "
+                "columns x rows of a printed one has an odd number of rows, as 4x11",)  # fmt: skip
+    near = [(columns + c, rows + r) for c in (0, -1, 1) for r in (0, -1, 1, -2, 2) if (c, r) != (0, 0)]
+    for size in ((rows, columns), *near):
+        if min(size) > 1 and len(detect_board(pixels, replace(target, columns=size[0], rows=size[1])).point):
+            return (f"an asymmetric grid of {size[0]} x {size[1]} dots; {columns} x {rows} were asked for",)
+    return ()
+
+
+def of_dots(dots: Observations) -> tuple[str, ...]:
+    """What the dots (`measured` as such) of an image are that was asked for something else."""
+    good = dots.take(dots.status == MEASURED)
+    if len(good) < LEAST_CODES:
+        return ()
+    place = order_grid(good.xy_px, good.diameter_px)
+    here = int((place[:, 0] >= 0).sum())
+    columns, rows = place.max(axis=0) + 1
+    if here and here == columns * rows:
+        return (f"a grid of {columns} x {rows} dots (--target circles:{columns}x{rows})",)
+    return (f"{len(good)} dots (--target circles, or ring14 where they have rings)",)
 
 
 def _other_tags(pixels: np.ndarray, target: TargetSpec) -> tuple[str, ...]:

@@ -9,7 +9,7 @@ from testfield.camera.images import InvertedSheet
 from testfield.camera.photograph import Photograph
 from testfield.detect.circle_grid import order_grid
 from testfield.detect.detect import Targets, measure_targets
-from testfield.detect.hints import exposure, of_boards, of_grids, of_rings
+from testfield.detect.hints import exposure, of_boards, of_dots, of_grids, of_rings
 from testfield.detect.noise import estimate_sheet
 from testfield.detect.observations import MEASURED, TEXTURE, Observations
 from testfield.detect.opencv_boards import detect_board
@@ -76,7 +76,8 @@ def detect_in_photograph(
     if target.kind not in ("ring", "circles"):
         board = _of_board(photograph, target, smallest_px)
         if not len(board.observations):
-            board = replace(board, notes=(*board.notes, *exposure(photograph), *of_boards(photograph, target)))
+            seen = of_boards(photograph, target) or of_dots(_plain_dots(photograph, smallest_px).observations)
+            board = replace(board, notes=(*board.notes, *exposure(photograph), *seen))
         return board
     ways = (ON_BLACK, ON_WHITE) if polarity == AUTO else (polarity,)
     found = [_dots(photograph, target, way, radii, smallest_px) for way in ways]
@@ -138,10 +139,13 @@ def _of_board(photograph: Photograph, target: TargetSpec, smallest_px: float) ->
     corners = detect_board(photograph.pixels, target)
     observations, notes = measure_read(photograph, target, corners)
     if target.kind == "acircles" and len(observations):
-        ways = (_dots(photograph, TargetSpec("circles"), way, USUAL, smallest_px) for way in (ON_WHITE, ON_BLACK))
-        dots = max(ways, key=_worth).observations.measured
-        notes = _measured_dots(observations, dots)
+        notes = _measured_dots(observations, _plain_dots(photograph, smallest_px).observations.measured)
     return Found(observations, corners.place, (*corners.notes, *notes))
+
+
+def _plain_dots(photograph: Photograph, smallest_px: float) -> Found:
+    ways = (_dots(photograph, TargetSpec("circles"), way, USUAL, smallest_px) for way in (ON_WHITE, ON_BLACK))
+    return max(ways, key=_worth)
 
 
 def _measured_dots(read: Observations, dots: Observations) -> tuple[str, ...]:
