@@ -23,8 +23,8 @@ from testfield.camera.pose import cross_matrix
 from testfield.targets.field import ScaleBar
 
 FALSE_ALARM = 0.001
-"""Chance that any good certificate at all of a field is called wrong: as in Baarda (1968), since a good bar that is left
-out takes the scale with it, while certificates that are wrong are wrong by many times what they claim."""
+"""Chance that any good certificate at all of a field is called wrong. Small, as in Baarda (1968): a good bar that is
+left out takes the scale with it, and certificates that are wrong are wrong by many times what they claim."""
 U_DIAMETER = 0.07
 """Relative standard uncertainty of a scale by dots' diameters: what blur, paint and oblique views do to them."""
 BENT = 0.01
