@@ -22,7 +22,7 @@ def tortured(folder: Path, inputs: int, kills: int) -> None:
 
 def test_a_few_mutated_inputs_for_every_reader_end_as_they_should(tiny: Run, tmp_path: Path) -> None:
     shutil.copytree(tiny.folder, tmp_path / "finished")
-    tortured(tmp_path, 48, 0)
+    tortured(tmp_path, 24, 0)
 
 
 @pytest.mark.slow  # `test_run` has a kill of its own; this is that of `make torture`
