@@ -92,7 +92,7 @@ def test_an_image_whose_marks_are_misnumbered_is_named() -> None:
     assert {r["station"] for r in found.rejected} <= {"s4"}
 
 
-@pytest.mark.slow  # nothing fits anything, which takes its time; `test_certificates` asks the same of bars alone
+@pytest.mark.slow  # nothing fits anything, which takes its time; `test_certificates` asks the same without boards
 def test_photographs_by_a_second_camera_are_named() -> None:
     other = Interior(WIDTH, BROWN.height_px, BROWN.parameters * [1.3, 1.3, 1, 1, -1, 1, 1, 1, 1])
     first, second = rows(), seen(other, noise=np.random.default_rng(3))
