@@ -159,7 +159,7 @@ def test_halves_tell_a_true_uncertainty_from_one_that_is_too_small() -> None:
 
     right = compare_halves(12, measure)
     wrong = compare_halves(12, lambda images: measure(images, 10.0))
-    assert right.splits == SPLITS
+    assert right.splits == SPLITS and not right.note and "too small" in wrong.note
     assert [d.quantity for d in right.differences] == ["fx", "cx", "cy"]
     ratio = np.sqrt(np.mean([d.ratio**2 for d in right.differences]))
     assert 0.3 < ratio < 2.0

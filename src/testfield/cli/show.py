@@ -30,7 +30,8 @@ def add_strict(parser: argparse.ArgumentParser) -> None:
         "--strict",
         action="store_true",
         help="exit with status 1 where something failed: a check distance with |E_n| > 1, certificates that contradict "
-        "each other, a board or an image that loses more than its share of observations",
+        "each other with nothing to decide between them, a board or an image that loses more than its share of "
+        "observations",
     )
 
 

@@ -30,7 +30,10 @@ LEAST_IMAGES = 3
 LEAST_POINTS = 6
 """Points in common from which halves' points are compared."""
 COMPARED = ("fx", "cx", "cy")
-NAMES = {"fx": "focal length", "cx": "principal point, x", "cy": "principal point, y", "points": "points"}
+NAMES = {"fx": "focal length", "cx": "principal point in x", "cy": "principal point in y", "points": "points"}
+
+TOO_FAR = 3.3
+"""Ratio that chance passes in 1 of 1,000 cases, were all splits one and the same."""
 
 Measured = tuple[Calibration, Points]
 
@@ -95,7 +98,18 @@ def compare_halves(images: int, measure: Callable[[np.ndarray], Measured]) -> Ha
         if len(rows):
             size = np.sqrt((rows**2).mean(axis=0))
             differences.append(Difference(quantity, float(size[0]), float(size[1]), float(size[2]), unit))
-    return Halves(len(found), tuple(differences), note)
+    return Halves(len(found), tuple(differences), "; ".join(said for said in (note, _doubt(differences)) if said))
+
+
+def _doubt(differences: list[Difference]) -> str:
+    far = [d for d in differences if d.ratio > TOO_FAR]
+    if not far:
+        return ""
+    worst = max(far, key=lambda d: d.ratio)
+    return (
+        f"they are too far apart ({NAMES[worst.quantity]}: {worst.ratio:.1f} times what is stated), so what is stated "
+        "is too small: something differs from image to image (a target that bends, focus, motion)"
+    )
 
 
 def _apart(a: Measured, b: Measured) -> dict[str, tuple[float, float, float]]:
