@@ -64,13 +64,10 @@ def of_rings(image: np.ndarray, o: Observations, background_dn: np.ndarray, cont
 
 def of_grids(o: Observations, target: TargetSpec) -> tuple[str, ...]:
     """The largest grid that the measured dots make up, beside the one asked for."""
-    good = o.take(np.isfinite(o.xy_px).all(axis=1) & (o.status == MEASURED))
-    place = order_grid(good.xy_px, good.diameter_px)
-    here = place[:, 0] >= 0
-    if not here.any():
-        return (f"{len(good)} dots, which make up no grid",) if len(good) else ()
-    columns, rows = place.max(axis=0) + 1
-    missing = columns * rows - int(here.sum())
+    dots, columns, rows, here = _largest_grid(o)
+    if not here:
+        return (f"{dots} dots, which make up no grid",) if dots else ()
+    missing = columns * rows - here
     but = f", {missing} of them missing" if missing else ""
     return (f"a grid of {columns} x {rows} dots{but}; {target.columns} x {target.rows} were asked for",)
 
@@ -118,15 +115,21 @@ def _other_asymmetric(pixels: np.ndarray, target: TargetSpec) -> tuple[str, ...]
 
 def of_dots(dots: Observations) -> tuple[str, ...]:
     """What the dots (`measured` as such) of an image are that was asked for something else."""
-    good = dots.take(dots.status == MEASURED)
-    if len(good) < LEAST_CODES:
+    count, columns, rows, here = _largest_grid(dots)
+    if count < LEAST_CODES:
         return ()
-    place = order_grid(good.xy_px, good.diameter_px)
-    here = int((place[:, 0] >= 0).sum())
-    columns, rows = place.max(axis=0) + 1
     if here and here == columns * rows:
         return (f"a grid of {columns} x {rows} dots (--target circles:{columns}x{rows})",)
-    return (f"{len(good)} dots (--target circles, or ring14 where they have rings)",)
+    return (f"{count} dots (--target circles, or ring14 where they have rings)",)
+
+
+def _largest_grid(o: Observations) -> tuple[int, int, int, int]:
+    """How many dots are measured; columns and rows of the largest grid they make up, and how many of them are in it."""
+    good = o.take(np.isfinite(o.xy_px).all(axis=1) & (o.status == MEASURED))
+    place = order_grid(good.xy_px, good.diameter_px)
+    here = place[:, 0] >= 0
+    columns, rows = place[here].max(axis=0, initial=-1) + 1
+    return len(good), int(columns), int(rows), int(here.sum())
 
 
 def _other_tags(pixels: np.ndarray, target: TargetSpec) -> tuple[str, ...]:

@@ -19,8 +19,6 @@ class LiteralFigure(Figure):
         """Draw the figure."""
         self._lay_out()
         powers = set()
-        for part in self.subfigs:
-            part.bbox_relative.set_points(np.round(part.bbox_relative.get_points(), DIGITS))
         for axes in self.axes:
             for axis in (axes.xaxis, axes.yaxis):
                 formats = (axis.get_major_formatter(), axis.get_minor_formatter())
@@ -38,5 +36,7 @@ class LiteralFigure(Figure):
             return
         engine.execute(self)
         self.set_layout_engine("none")
+        for part in self.subfigs:
+            part.bbox_relative.set_points(np.round(part.bbox_relative.get_points(), DIGITS))
         for axes in self.axes:
             axes.set_position(np.round(axes.get_position(original=True).bounds, DIGITS).tolist(), which="original")

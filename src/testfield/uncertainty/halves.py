@@ -31,7 +31,6 @@ LEAST_POINTS = 6
 """Points in common from which halves' points are compared."""
 COMPARED = ("fx", "cx", "cy")
 NAMES = {"fx": "focal length", "cx": "principal point in x", "cy": "principal point in y", "points": "points"}
-
 TOO_FAR = 3.3
 """Ratio that chance passes in 1 of 1,000 cases, were all splits one and the same."""
 
@@ -61,7 +60,8 @@ class Difference:
 
 @dataclass(frozen=True)
 class Halves:
-    """What the halves of `splits` random splits say; `note` where they say nothing, or less than wished."""
+    """What the halves of `splits` random splits say; `note` where they say nothing, less than wished, or that
+    what is stated is too small."""
 
     splits: int
     differences: tuple[Difference, ...]
