@@ -183,8 +183,10 @@ def test_too_few_residuals_are_not_asked() -> None:
 @pytest.mark.parametrize("kind", KINDS)
 def test_stated_uncertainty_is_true_whatever_the_lens_does_beside_its_model(kind: str, rms_px: float) -> None:
     found = [trial(kind, rms_px, draw, SCENES) for draw in range(DRAWS)]
+    # 20 draws of a mean over places that hang together scatter by a tenth or more about their expectation.
+    least, most = (0.8, 1.3) if rms_px else (0.7, 1.4)
     for figure in ("points", "imaging"):
-        assert 0.8 < np.mean([f[figure] for f in found]) < 1.3, figure
+        assert least < np.mean([f[figure] for f in found]) < most, figure
     share = np.mean([f["s_px"] > 0 for f in found])
     assert share <= 0.1 if rms_px == 0 else share == 1
 
