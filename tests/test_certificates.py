@@ -121,6 +121,15 @@ def test_diameters_in_another_unit_are_named_with_the_bar_alone(truth) -> None: 
         assert found.scale_from == "distances"
 
 
+@pytest.mark.parametrize("factor, doubted", [(1.0, False), (1e-3, True), (1e3, True)])
+def test_a_bar_alone_in_another_unit_is_doubted_by_the_size_of_the_dots(truth, factor: float, doubted: bool) -> None:  # type: ignore[no-untyped-def]
+    ties = ties_of(truth, SIGMA_PX)
+    depth = truth.stations[truth.image].apply(truth.point_mm[truth.point])[:, 2]
+    ties = replace(ties, moments_px2=(0.5 * 7.0 * 4000 / depth)[:, None, None] ** 2 * np.eye(2))
+    found = calibrated(truth, ties, replace(bar_of(truth, factor=factor), u_length_mm=0.02 * factor))
+    assert said(found, "'bar 1-2'", "mm in diameter", "metres") == doubted
+
+
 def test_good_certificates_are_named_at_the_stated_rate() -> None:
     """200 fields of bars and places with correlated predictions: 2 false alarms expected, 6 in 1 of 100 such tests."""
     rng, alarms = np.random.default_rng(0), 0

@@ -153,6 +153,10 @@ def test_a_field_file_says_what_is_certified() -> None:
         ("[target]\nkind = 'ring14'\ndiameter = 3", "target.diameter: unknown field"),
         ("[target]\nkind = 'ring14'\n[[distances]]\ncodes=[1, 1]\nlength_mm=3", "both ends have the same code"),
         ("[target]\nkind = 'ring14'\n[[distances]]\ncodes=[1, 2]\nlength_mm=-3", "distances[0].length_mm: value -3"),
+        ("[target]\nkind = 'circles:10x8'\ndiameter_mm = 3", "needs [grid] with spacing_mm"),
+        ("[target]\nkind = 'circles:10x8'\n[grid]\nspacing_mm = 9", "needs target.diameter_mm"),
+        ("[target]\nkind = 'circles'\ndiameter_mm = 3\n[grid]\nspacing_mm = 9", "columns and rows"),
+        ("[target]\nkind = 'ring14'\n[grid]\nspacing_mm = 9", "belongs to target.kind"),
         ("name = 'x'", "target: this field is required"),
         ("name = ", "not valid TOML"),
     ],
@@ -173,6 +177,8 @@ def test_the_command_says_what_is_missing(tmp_path: Path, capsys: pytest.Capture
     assert main(["measure", "none.png", "--field", str(tmp_path / "f.toml")]) == 2
     assert "cannot be measured" in capsys.readouterr().err
     (tmp_path / "f.toml").write_text("[target]\nkind = 'ring14'\n")
+    assert main(["measure", "none.png", "--field", str(tmp_path / "f.toml"), "--hold", "k3,k7"]) == 2
+    assert "--hold: the lens model 'brown' has no coefficient 'k7'" in capsys.readouterr().err
     assert main(["measure", str(tmp_path / "none.png"), "--field", str(tmp_path / "f.toml")]) == 2
     assert "no image can be read" in capsys.readouterr().err
 

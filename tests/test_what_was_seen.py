@@ -13,6 +13,7 @@ from testfield.detect.observations import MEASURED
 from testfield.detect.photograph import Found, detect_in_photograph
 from testfield.detect.target_spec import parse_target
 from testfield.targets.board_pattern import BoardPattern, dictionary
+from testfield.targets.ring_code import code_words
 
 TO_PX = facing(1.3, (165, 140), 8, 2e-4)
 
@@ -118,20 +119,28 @@ def test_dots_that_make_no_board_asked_for_are_told_of(grid: tuple[int, int, boo
     assert word in said(found)
 
 
-def rings(inner: float, outer: float) -> np.ndarray:
-    """Twelve dots on black with rings of 12 segments, three of them bright."""
+def rings(inner: float, outer: float, bits: int = 12, words: np.ndarray | None = None) -> np.ndarray:
+    """Twelve dots on black with rings of `bits` segments: those of code words, or three of them bright."""
     y, x = (np.mgrid[0:1200, 0:1600] + 0.5) / 4
     image = np.zeros((1200, 1600))
     for k in range(12):
         dx, dy = x - 50 - 95 * (k % 4), y - 50 - 95 * (k // 4)
-        r, segment = np.hypot(dx, dy), np.floor(np.arctan2(dy, dx) / (2 * np.pi) * 12) % 12
-        bright = np.isin(segment, [k % 3, 5, 8])
+        r, segment = np.hypot(dx, dy), np.floor(np.arctan2(dy, dx) / (2 * np.pi) * bits) % bits
+        here = [k % 3, 5, 8] if words is None else [j for j in range(bits) if int(words[k]) >> (bits - 1 - j) & 1]
+        bright = np.isin(segment, here)
         image[(r < 8) | ((r > 8 * inner) & (r < 8 * outer) & bright)] = 180
     return 20 + cv2.GaussianBlur(cv2.resize(image, (400, 300), interpolation=cv2.INTER_AREA), (0, 0), 0.7)
 
 
 def test_dots_with_rings_of_another_system_are_counted() -> None:
     assert "12 dots with something around them" in said(seen(rings(2.0, 3.0), "ring14"))
+
+
+@pytest.mark.parametrize("asked", ["ring8", "ring10", "ring12", "ring16", "ring20"])
+def test_rings_of_another_length_are_named_though_some_are_read_by_chance(asked: str) -> None:
+    image = rings(2.0, 3.0, 14, code_words(14)[:12])
+    assert "read more" not in said(seen(image, "ring14")) and "--target" not in said(seen(image, "ring14"))
+    assert "--target ring14 --radii 1:2:3 reads" in said(seen(image, asked))
 
 
 def test_a_grid_of_another_size_is_named() -> None:

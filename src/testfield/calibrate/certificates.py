@@ -27,6 +27,8 @@ FALSE_ALARM = 0.001
 left out takes the scale with it, and certificates that are wrong are wrong by many times what they claim."""
 U_DIAMETER = 0.07
 """Relative standard uncertainty of a scale by dots' diameters: what blur, paint and oblique views do to them."""
+DOTS_MM = (0.1, 1000.0)
+"""Between these are the diameters of targets that people print and stick; others make a length's unit doubtful."""
 BENT = 0.01
 """Part of their extent by which most certified places may miss the network before all of them are in doubt."""
 DISTANCE, PLACE, DIAMETERS, PLACES = "distance", "place", "diameters", "places"
@@ -141,6 +143,21 @@ def attached(network: Network, ties: Ties, radius_mm: np.ndarray, held: Tested, 
     lengths = np.array([bar.length_mm for bar in held.bars], float)
     u = np.array([bar.u_length_mm for bar in held.bars], float)
     return replace(network, distances=Distances(ends, lengths, u)), radius_mm
+
+
+def doubtful_scale(network: Network, ties: Ties, bars: tuple[ScaleBar, ...]) -> list[str]:
+    """A question where certified distances alone make the scale, and dots become of a size that no targets have."""
+    with np.errstate(invalid="ignore"):
+        diameter = 2 * measured_radii(network, ties.moments_px2)
+    if not bars or not np.isfinite(diameter).any():
+        return []
+    middle = float(np.nanmedian(diameter))
+    if DOTS_MM[0] <= middle <= DOTS_MM[1]:
+        return []
+    factor = 1000.0 if middle < DOTS_MM[0] else 0.001
+    return [
+        f"with the distance '{bars[0].name}' the dots would be {middle:.3g} mm in diameter: {unit_of(factor, 'length')}"
+    ]
 
 
 def _in_doubt(network: Network, ties: Ties, known: dict[int, tuple[np.ndarray, np.ndarray]]) -> str:
@@ -331,7 +348,7 @@ def _said(
         guess = ""
         if not 1 / OTHER_UNIT < ratio < OTHER_UNIT:
             ratio = max(ratio, 1 / max(ratio, 1e-12))
-            guess = f", in another unit or between other codes; {unit_of(ratio).rstrip('?')}"
+            guess = f", in another unit or between other codes; {unit_of(ratio, 'length').rstrip('?')}"
         return (
             f"the distance '{bar.name}' ({bar.length_mm:g} mm) is {by:+.4g} mm off what the rest says ({sure}{guess})"
         )

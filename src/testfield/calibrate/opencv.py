@@ -11,7 +11,7 @@ from testfield.calibrate.homography import focal_length, image_middle
 from testfield.calibrate.lens_start import lens_start
 from testfield.calibrate.rows import best_board, on_one_board, usable_rows
 from testfield.calibrate.views import from_views
-from testfield.camera.interior import Interior, parameter_names
+from testfield.camera.interior import Interior, check_held, parameter_names
 from testfield.camera.pose import Poses
 from testfield.detect.observations import Observations
 from testfield.errors import TestfieldError
@@ -80,10 +80,7 @@ def first_guess(
     if lens not in (*NEEDED, "fisheye"):
         raise TestfieldError(f"OpenCV has no lens '{lens}'", "measure.lens", "choose brown, rational or fisheye")
     names = parameter_names(lens)
-    strange = sorted(set(hold) - set(names[4:]))
-    if strange:
-        raise TestfieldError(f"the lens model '{lens}' has no coefficient '{strange[0]}'", "measure.hold",
-                             f"its are {', '.join(names[4:])}")  # fmt: skip
+    check_held(hold, lens)
     middle = image_middle(width_px, height_px)
     focal = focal_length(edges.homography, middle)
     free = np.array([name not in hold for name in names])

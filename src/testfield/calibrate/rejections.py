@@ -113,7 +113,8 @@ def lossy(rejections: tuple[dict, ...]) -> list[dict]:
 def failed_checks(checks: Iterable[tuple[str, float | None]]) -> list[str]:
     """A sentence for every check distance (its name and E_n) that misses its certificate by more than both state."""
     return [
-        f"the check distance '{name}' FAILED: E_n = {en:+.2f}, and at most 1 in size is allowed"
+        f"the check distance '{name}' FAILED: E_n = {en:+.2f}, and at most 1 in size is allowed: "
+        "are its ends the targets that are meant, is its certificate still true, is the scale by enough lengths?"
         for name, en in checks
         if en is not None and not abs(en) <= 1
     ]

@@ -17,7 +17,7 @@ from testfield.adjust.normal import Factor
 from testfield.adjust.reliability import reliability
 from testfield.adjust.weakness import weak_unknowns
 from testfield.calibrate.calibration import Calibration
-from testfield.calibrate.certificates import Tested, attached, tested, without_certificates
+from testfield.calibrate.certificates import Tested, attached, doubtful_scale, tested, without_certificates
 from testfield.calibrate.certified import Certified, in_datum
 from testfield.calibrate.edges import front_only
 from testfield.calibrate.finish import with_points
@@ -30,7 +30,7 @@ from testfield.calibrate.rejections import lost_images, of_ties
 from testfield.calibrate.self_start import SQUARE, loose_network, start_from_nothing
 from testfield.calibrate.settle import MISFIT_ROUNDS
 from testfield.calibrate.ties import LEAST_COMMON, LEAST_RAYS, Ties, coded_ties, largest_group, point_name
-from testfield.camera.interior import MODE, Interior
+from testfield.camera.interior import MODE, Interior, check_held
 from testfield.camera.pose import Poses
 from testfield.camera.project import camera_jacobian
 from testfield.detect.observations import Observations
@@ -154,11 +154,7 @@ def free_network(
     """
     said = list(notes or [])
     interior_names = Interior(width_px, height_px, np.zeros(0), lens).names
-    unknown = sorted(set(hold) - set(interior_names))
-    if unknown:
-        raise TestfieldError(
-            f"the lens model '{lens}' has no parameter '{unknown[0]}'", "hold", f"its are {', '.join(interior_names)}"
-        )
+    check_held(hold, lens)
     if len(ties.stations) < 2 or len(ties) == 0:
         raise TestfieldError(
             f"{len(np.unique(ties.image))} image(s) show coded targets",
@@ -213,6 +209,8 @@ def settled(job: Job, hold: tuple[str, ...], empirical: bool, misfit: Misfit | N
         job, adjustment = _settle(replace(job, network=network), reject=False)
     notes = [*job.notes, *lens_notes, *held.notes, *_doubts(job, adjustment)]
     notes += misfit.notes
+    if not held.known:
+        notes += doubtful_scale(adjustment.network, job.ties, held.bars)
     factor = misfit.variance
     if empirical or misfit.found:
         adjustment, more = widened(adjustment, _names(job))

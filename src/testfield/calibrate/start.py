@@ -21,7 +21,7 @@ from testfield.calibrate.graph import given_poses, groups_apart, spanning_poses
 from testfield.calibrate.homography import focal_length, image_middle, plane_pose
 from testfield.calibrate.lens_start import lens_start
 from testfield.calibrate.units import boards_of_one_unit, dots_fit_their_spacing
-from testfield.camera.interior import Interior
+from testfield.camera.interior import Interior, check_held
 from testfield.camera.pose import Poses, rotation
 from testfield.camera.rays import meet
 from testfield.detect.observations import Observations
@@ -156,13 +156,7 @@ def _first_camera(
     interior = Interior(
         width_px, height_px, np.array([1.0, 1.0, *image_middle(width_px, height_px), *PINHOLE_LIKE[lens]]), lens
     )
-    unknown = sorted(set(hold) - set(interior.names[4:]))
-    if unknown:
-        raise TestfieldError(
-            f"the lens model '{lens}' has no coefficient '{unknown[0]}'",
-            "measure.hold",
-            f"its are {', '.join(interior.names[4:])}",
-        )
+    check_held(hold, lens)
     zero = np.array([name in hold for name in interior.names])
     interior = interior.with_parameters(np.where(zero, 0.0, interior.parameters))
     return interior, ~zero & np.array([name not in fixed for name in interior.names])

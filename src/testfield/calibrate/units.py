@@ -16,12 +16,12 @@ LEAST_BASE = 0.05
 UNITS = ((1000.0, "metres"), (25.4, "inches"), (10.0, "centimetres"), (304.8, "feet"), (0.001, "micrometres"))
 
 
-def unit_of(ratio: float) -> str:
+def unit_of(ratio: float, what: str = "sheet") -> str:
     """A question that names the unit in which a number would be, which is `ratio` times too small in millimetres."""
     for factor, name in UNITS:
         if abs(np.log(ratio / factor)) < 0.1:
-            return f"is the sheet in {name} instead of millimetres?"
-    return "is the sheet's unit millimetres?"
+            return f"is the {what} in {name} instead of millimetres?"
+    return f"is the {what}'s unit millimetres?"
 
 
 def boards_of_one_unit(edges: Edges, camera_from_board: Poses, field: Field, notes: list[str]) -> np.ndarray:

@@ -1,11 +1,14 @@
 """Interior orientation: what maps a direction in the camera frame to a pixel."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from difflib import get_close_matches
 
 import numpy as np
 
 from testfield.camera import smooth_field
 from testfield.camera.lens import MODELS, LensModel
+from testfield.errors import TestfieldError
 from testfield.store.sheets import array
 
 LARGEST_PX = 100_000
@@ -141,3 +144,15 @@ class Interior:
 def parameter_names(model: str) -> tuple[str, ...]:
     """Names of a lens model's parameters, the four of the pinhole first."""
     return (*PINHOLE, *MODELS[model].coefficients)
+
+
+def check_held(names: Iterable[str], model: str, where: str = "measure.hold") -> None:
+    """Raise `TestfieldError` where coefficients that are to be held at zero are none of the lens model's."""
+    own = MODELS[model].coefficients
+    for name in names:
+        if name not in own:
+            like = get_close_matches(name, own, 1)
+            raise TestfieldError(
+                f"the lens model '{model}' has no coefficient '{name}'", where,
+                f"did you mean {like[0]}?" if like else f"its are {', '.join(own)}",
+            )  # fmt: skip

@@ -18,7 +18,6 @@ from testfield.calibrate.ties import Ties, coded_ties
 from testfield.detect.observations import MEASURED, Observations
 from testfield.detect.photograph import Found
 from testfield.detect.target_spec import TargetSpec
-from testfield.errors import TestfieldError
 from testfield.reconstruct.points import Points
 from testfield.reconstruct.uncoded import match_dots
 from testfield.targets.field import Field, NominalBoard, ScaleBar
@@ -233,12 +232,7 @@ def _of_grid(
     misfit: Misfit | None,
 ) -> Measurement:
     """A camera from photographs of a flat grid of circles."""
-    if not (field.grid and target.columns and field.target.diameter_mm):
-        raise TestfieldError(
-            "a grid of circles needs its size, spacing and diameter",
-            "field file, target.kind, grid.spacing_mm, target.diameter_mm",
-            'write kind = "circles:10x8", diameter_mm and [grid] spacing_mm',
-        )
+    assert field.grid and field.target.diameter_mm  # a field file of circles has both
     k = np.arange(target.columns * target.rows)
     xy = field.grid.spacing_mm * np.column_stack([k % target.columns, k // target.columns]).astype(float)
     marks = Marks(xy, np.full(len(k), field.target.diameter_mm), np.zeros(len(k), int), 14)

@@ -12,7 +12,7 @@ from pathlib import Path
 import tomli_w
 
 from testfield import __version__
-from testfield.camera.lens import MODELS
+from testfield.camera.interior import check_held
 from testfield.chain.code import PACKAGES, code_digest, package_version
 from testfield.errors import TestfieldError
 from testfield.registry import STAGES, find, names
@@ -143,14 +143,7 @@ def check_algorithms(scene: SceneFile, source: str) -> None:
                 f"{source}, measure.{field}",
                 f"choose one of {', '.join(names(stage))}",
             )
-    coefficients = MODELS[scene.measure.lens or scene.camera.lens].coefficients
-    for name in scene.measure.hold:
-        if name not in coefficients:
-            raise TestfieldError(
-                f"the lens that is calibrated has no coefficient '{name}'", f"{source}, measure.hold",
-                f"its coefficients are {', '.join(coefficients)}",
-            )  # fmt: skip
-
+    check_held(scene.measure.hold, scene.measure.lens or scene.camera.lens, f"{source}, measure.hold")
     _check_board(scene, source)
 
 

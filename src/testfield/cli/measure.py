@@ -44,6 +44,7 @@ def _measure(args: argparse.Namespace) -> int:
     from collections import Counter
     from dataclasses import replace
 
+    from testfield.camera.interior import check_held
     from testfield.camera.mosaic import ORDERS
     from testfield.camera.photograph import read_photograph
     from testfield.chain.measure import measure
@@ -62,6 +63,8 @@ def _measure(args: argparse.Namespace) -> int:
         raise TestfieldError(
             f"'{field.target.kind}' cannot be measured", f"{args.field}, target.kind", "ring codes and circle grids can"
         )
+    hold = tuple(name.strip() for name in args.hold.split(",") if name.strip())
+    check_held(hold, args.lens, "--hold")
     if args.bayer is not None and args.bayer not in ORDERS:
         raise TestfieldError(f"no Bayer order is called '{args.bayer}'", "--bayer", f"one of {', '.join(ORDERS)}")
     if not 2 <= args.smallest_px <= 200:
@@ -100,7 +103,6 @@ def _measure(args: argparse.Namespace) -> int:
                 "camera, or cropped, and is left out"
             )
     keep = [k for k, other in enumerate(sizes) if other == size]
-    hold = tuple(name.strip() for name in args.hold.split(",") if name.strip())
     result = measure(
         tuple(names[k] for k in keep), [found[k] for k in keep], size, field, target, args.lens, hold, args.focal_px
     )

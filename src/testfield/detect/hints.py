@@ -42,17 +42,21 @@ def exposure(photograph: Photograph) -> tuple[str, ...]:
 
 
 def of_rings(image: np.ndarray, o: Observations, background_dn: np.ndarray, contrast_dn: np.ndarray) -> tuple[str, ...]:
-    """Dots with something around them that is not the ring code asked for, and as which other code they can be read.
+    """Dots with something around them that is not the ring code asked for, and as which other code they can be read;
+    nothing where more rings are read as asked for than are not.
 
     `image` (h, w) of bright marks; the levels (n,) of each row of `o` as in `Centres`."""
     ringed = np.flatnonzero(np.isin(o.status.astype(str), SURROUNDED))
+    read = len(np.unique(o.code[o.code > 0]))
     plain = int((o.status == MEASURED).sum())
-    said = [f"{plain} dots without a ring"] if plain else []
-    if not len(ringed):
+    said = [f"{plain} dots without a ring"] if plain and not read else []
+    if len(ringed) <= read:
         return tuple(said)
-    said.append(f"{len(ringed)} dots with something around them: another shape of rings or another code system?")
+    if not read:
+        said.append(f"{len(ringed)} dots with something around them: another shape of rings or another code system?")
+    # A ring of another length is read by chance now and then, so another code must read more than was read already.
     levels = o.xy_px[ringed], o.moments_px2[ringed], contrast_dn[ringed], background_dn[ringed]
-    best, as_what = LEAST_CODES - 1, ""
+    best, as_what = max(LEAST_CODES - 1, 2 * read), ""
     for radii, shape in RADII.items():
         for bits in BITS:
             code = decode(image, *levels, bits, shape)[0]

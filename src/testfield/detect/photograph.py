@@ -118,7 +118,7 @@ def _dots(photograph: Photograph, target: TargetSpec, polarity: str, radii: str,
     numbers, count = np.unique(targets.code[targets.code > 0], return_counts=True)
     if (count > 1).any():
         notes.append(f"read more than once: {', '.join(map(str, numbers[count > 1]))}")
-    if target.kind == "ring" and not (targets.code > 0).any():
+    if target.kind == "ring":
         seen = targets.observations(photograph.name, place[:, 0], place[:, 0])
         notes += of_rings(image, seen, targets.background_dn, targets.contrast_dn)
     none = np.full(len(targets.code), -1)

@@ -83,6 +83,19 @@ class FieldFile(_Part):
     distances: tuple[DistancePart, ...] = ()
     grid: GridPart | None = None
 
+    @model_validator(mode="after")
+    def _whole(self) -> "FieldFile":
+        circles = self.target.kind.startswith("circles")
+        if circles and self.grid is None:
+            raise ValueError("a grid of circles needs [grid] with spacing_mm")
+        if circles and self.target.diameter_mm is None:
+            raise ValueError("a grid of circles needs target.diameter_mm")
+        if circles and ":" not in self.target.kind:
+            raise ValueError('a grid of circles needs its columns and rows: target.kind = "circles:10x8"')
+        if self.grid is not None and not circles:
+            raise ValueError(f'[grid] belongs to target.kind = "circles:10x8", not to "{self.target.kind}"')
+        return self
+
 
 def load_field_file(path: Path) -> FieldFile:
     """Read a field file. Raises `TestfieldError` that names the file, the field and the value."""
@@ -98,5 +111,6 @@ def load_field_file(path: Path) -> FieldFile:
         what = {
             "extra_forbidden": f"unknown field (value {value})",
             "missing": "this field is required",
+            "value_error": first["msg"].removeprefix("Value error, "),
         }.get(first["type"], f"value {value}: {first['msg'].removeprefix('Value error, ')}")
         raise TestfieldError(what + more, f"{path}, {place}", "see scenes/README.md, field files") from error
