@@ -120,13 +120,8 @@ def test_a_view_straight_onto_a_plane_cannot_know_the_focal_length() -> None:
         distances=Distances(),
     ).take(flat.point < 60)
     one = replace(one, xy_px=predict(one))
-    slanted = adjust(true_network(), true_network().labels(NAMES, BOARDS)).covariance
-    try:
-        weak = adjust(one, one.labels(NAMES, BOARDS)).covariance
-    except TestfieldError as error:
-        assert "fx" in str(error) or "tz" in str(error)
-    else:
-        assert weak[0, 0] > 1e4 * slanted[0, 0]
+    with pytest.raises(TestfieldError, match=r"do not determine fx, station:s\d\.tz"):
+        adjust(one, one.labels(NAMES, BOARDS))
 
 
 def test_what_is_not_determined_is_named() -> None:

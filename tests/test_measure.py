@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
+from scipy.stats import chi2
 from test_self_calibration import CAMERA, SIGMA_PX, calibrated, fitted, scene, ties_of
 
 from testfield.calibrate.certified import Certified
@@ -127,8 +128,8 @@ def test_certified_places_hold_the_datum_and_a_wrong_one_is_named() -> None:
     assert "code 5 is" in " ".join(found.calibration.notes)
     error = found.xyz_mm - frame[found.code - 1]
     assert np.abs(error).max() < 0.5
-    nees = error.ravel() @ np.linalg.solve(found.cov_xyz_mm2, error.ravel()) / error.size
-    assert 0.4 < nees < 1.5
+    low, high = chi2.interval(0.999, error.size)
+    assert low < error.ravel() @ np.linalg.solve(found.cov_xyz_mm2, error.ravel()) < high
 
 
 def test_a_field_file_says_what_is_certified() -> None:
