@@ -1,7 +1,7 @@
 .PHONY: demo test test-all torture check mutants mutation setup clean
 
 # Two tests at once, each with one thread of linear algebra: more would only wait for each other.
-PYTEST = OMP_NUM_THREADS=1 .venv/bin/python -m pytest -q -n 2 --dist loadgroup --durations 15
+PYTEST = OMP_NUM_THREADS=1 .venv/bin/python -m pytest -q -n 2 --durations 15
 
 demo: setup
 	.venv/bin/testfield run scenes/stitched_wall.toml

@@ -1,11 +1,14 @@
-"""Finished runs, each made once for all tests that look at one."""
+"""Finished runs, each made once for all tests that look at one, in whatever process."""
 
+import fcntl
+import os
+import shutil
 from pathlib import Path
 
 import pytest
 from hand_made import HandMade, hand_made
 
-from testfield.chain.run import Run, begin
+from testfield.chain.run import Run, begin, resume
 from testfield.chain.stages import STAGES, run_stage
 
 SCENES = Path(__file__).parents[1] / "scenes"
@@ -15,29 +18,32 @@ TINY = Path(__file__).parent / "torture/tiny.toml"
 @pytest.fixture(scope="session")
 def quick(tmp_path_factory: pytest.TempPathFactory) -> Run:
     """The finished run of scenes/quick.toml. Read it, do not change it."""
-    run, _ = begin(SCENES / "quick.toml", tmp_path_factory.mktemp("runs") / "quick", None, 2)
-    for name in STAGES:
-        run_stage(run, name)
-    return run
+    return finished(SCENES / "quick.toml", tmp_path_factory, 2)
 
 
 @pytest.fixture(scope="session")
 def tiny(tmp_path_factory: pytest.TempPathFactory) -> Run:
     """The finished run of four small images of one board, for what is true of any run. Read it, do not change it."""
-    run, _ = begin(TINY, tmp_path_factory.mktemp("runs") / "tiny", None, 1)
-    for name in STAGES:
-        run_stage(run, name)
-    return run
+    return finished(TINY, tmp_path_factory, 1)
+
+
+def finished(scene: Path, factory: pytest.TempPathFactory, jobs: int) -> Run:
+    """The run of a scene, made by the first process that asks for it; each process has a copy of its own."""
+    own = factory.mktemp("runs") / scene.stem
+    base = factory.getbasetemp()
+    made = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / f"made-{scene.stem}"
+    with made.with_suffix(".lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not made.with_suffix(".done").exists():
+            run, _ = begin(scene, made, None, jobs)
+            for name in STAGES:
+                run_stage(run, name)
+            made.with_suffix(".done").touch()
+    shutil.copytree(made, own)
+    return resume(own, jobs)
 
 
 @pytest.fixture(scope="session")
 def by_hand() -> HandMade:
     """A field whose errors are known by hand. Read it, do not change it."""
     return hand_made()
-
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Tests that look at the quick scene's run are done by one process, so that it is made once."""
-    for item in items:
-        if "quick" in getattr(item, "fixturenames", ()):
-            item.add_marker(pytest.mark.xdist_group("quick"))

@@ -170,17 +170,32 @@ def hidden(eye_mm: np.ndarray, points_mm: np.ndarray, world: World, own_panel: n
     sizes = np.vstack([world.panels.size_mm, *[light.size_mm for light in world.lights]])
     blocked = hidden_by_meshes(eye_mm, points_mm, world.meshes)
     ray = points_mm - eye_mm
+    near = _towards(ray, poses.t_mm - eye_mm, np.linalg.norm(sizes, axis=1) / 2)
     for k in range(len(poses)):
+        here = np.flatnonzero(near[k])
+        own = own_panel[here] == k
         if k < len(world.panels) and world.panels.bent[k]:
-            blocked |= _behind_bent(world.panels, k, eye_mm, points_mm, own_panel == k)
+            blocked[here] |= _behind_bent(world.panels, k, eye_mm, points_mm[here], own)
             continue
         R, t = poses.R[k], poses.t_mm[k]
-        start, slope = (eye_mm - t) @ R, ray @ R[:, 2]
+        start, slope = (eye_mm - t) @ R, ray[here] @ R[:, 2]
         along = -start[2] / np.where(slope == 0, np.inf, slope)
-        crossed = np.flatnonzero((along > 0) & (along < 1 - 1e-9) & (own_panel != k))
-        at = start[:2] + along[crossed, None] * (ray[crossed] @ R[:, :2])
-        blocked[crossed] |= np.all(np.abs(at) <= sizes[k] / 2, axis=1)
+        crossed = (along > 0) & (along < 1 - 1e-9) & ~own
+        here, along = here[crossed], along[crossed]
+        at = start[:2] + along[:, None] * (ray[here] @ R[:, :2])
+        blocked[here] |= np.all(np.abs(at) <= sizes[k] / 2, axis=1)
     return blocked
+
+
+def _towards(ray: np.ndarray, centre_mm: np.ndarray, radius_mm: np.ndarray) -> np.ndarray:
+    """(p, n) whether rays (n, 3) from the eye may meet spheres about centres (p, 3) with radii (p,), as seen from the
+    eye; a hair wider than they are."""
+    far = np.linalg.norm(centre_mm, axis=1)
+    sine = np.minimum(1.001 * radius_mm / np.maximum(far, 1e-300), 1.0)
+    length = np.linalg.norm(ray, axis=1)
+    along = centre_mm / np.maximum(far, 1e-300)[:, None] @ ray.T
+    least = np.where(sine < 1, np.sqrt(1 - sine**2), -2.0)  # inside a sphere every ray meets it
+    return along >= least[:, None] * length
 
 
 def _behind_bent(panels: Panels, k: int, eye_mm: np.ndarray, points_mm: np.ndarray, own: np.ndarray) -> np.ndarray:
