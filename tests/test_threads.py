@@ -8,8 +8,8 @@ from pathlib import Path
 CODE = """
 import hashlib, sys
 from pathlib import Path
-from testfield.adjust import linear, normal
-linear.THREADS = normal.THREADS = int(sys.argv[2])
+from testfield.adjust import side_by_side
+side_by_side.THREADS, side_by_side.WORTH = int(sys.argv[2]), 0
 from testfield.bench.drawn import draw_observations
 from testfield.chain.run import begin
 from testfield.chain.stages import run_stage

@@ -1,8 +1,6 @@
 """One linearisation of a network: whitened residuals and their derivatives, in groups of observations that share the
 unknowns they depend on, so that every group is a few dense matrices."""
 
-import os
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,11 +8,11 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from testfield.adjust.network import Layout, Network
+from testfield.adjust.side_by_side import side_by_side
 from testfield.camera.project import camera_jacobian
 
 BATCH_ROWS = 4096
 """Observations that are linearised together: few enough to stay in a core's cache."""
-THREADS = min(os.cpu_count() or 1, 8)
 
 
 @dataclass(frozen=True)
@@ -124,8 +122,8 @@ def linearise(network: Network, structure: Structure, whitening: np.ndarray) -> 
         if full or sum(len(g.rows) for g in batches[-1]) + len(group.rows) > BATCH_ROWS:
             batches.append([])
         batches[-1].append(group)
-    with ThreadPoolExecutor(THREADS) as pool:  # NumPy lets go of the interpreter
-        parts = list(pool.map(lambda batch: _of_camera(network, batch[0].camera, batch, whitening), batches))
+    multiplications = 5000 * sum(len(group.rows) for group in structure.groups)
+    parts = side_by_side(lambda batch: _of_camera(network, batch[0].camera, batch, whitening), batches, multiplications)
     return [part for batch in parts for part in batch]
 
 

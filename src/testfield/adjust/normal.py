@@ -5,14 +5,13 @@ stations, boards and the few points that distances tie together. `across` (n, 3,
 for some points at a time, so that memory does not grow with the network.
 """
 
-from concurrent.futures import ThreadPoolExecutor
-
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 from scipy.linalg.blas import dsyrk
 
-from testfield.adjust.linear import THREADS, Derivatives, Structure
+from testfield.adjust.linear import Derivatives, Structure
 from testfield.adjust.network import EXACT_MM, Network
+from testfield.adjust.side_by_side import side_by_side
 from testfield.errors import TestfieldError
 
 PARTS = 8
@@ -128,10 +127,10 @@ class NormalEquations:
             own_right = np.einsum("nij,nj->ni", factor[here], self.point_right[here]).ravel()
             return dsyrk(1.0, half.T), half.T @ own_right
 
-        with ThreadPoolExecutor(THREADS) as pool:
-            for less, less_right in pool.map(reduction, self.chunks()):
-                normal -= less
-                right -= less_right
+        multiplications = 3 * len(self.point_normal) * self.size**2
+        for less, less_right in side_by_side(reduction, self.chunks(), multiplications):
+            normal -= less
+            right -= less_right
         return mirrored(normal), right, inverse
 
     def back_substituted(self, step: np.ndarray, inverse: np.ndarray) -> np.ndarray:
