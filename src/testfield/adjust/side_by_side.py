@@ -8,7 +8,8 @@ from typing import TypeVar
 THREADS = min(os.cpu_count() or 1, 8)
 WORTH = 20_000_000
 """Multiplications from which threads save more than they cost."""
-Item, Result = TypeVar("Item"), TypeVar("Result")
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 
 
 def side_by_side(work: Callable[[Item], Result], items: Sequence[Item], multiplications: int) -> Iterator[Result]:
