@@ -17,7 +17,12 @@ class LiteralFigure(Figure):
 
     def draw(self, renderer: Any) -> None:
         """Draw the figure."""
+        self._take_literally()  # before anything measures a label
         self._lay_out()
+        self._take_literally()  # labels of ticks that the layout has made, too
+        super().draw(renderer)
+
+    def _take_literally(self) -> None:
         powers = set()
         for axes in self.axes:
             for axis in (axes.xaxis, axes.yaxis):
@@ -27,7 +32,6 @@ class LiteralFigure(Figure):
         for text in self.findobj(Text):
             if id(text) not in powers:
                 text.set_parse_math(False)
-        super().draw(renderer)
 
     def _lay_out(self) -> None:
         """Settle where axes lie: the solver of constraints orders them by address, so its last digits change."""
