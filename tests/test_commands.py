@@ -1,4 +1,6 @@
 import json
+import os
+import shutil
 import subprocess
 import sys
 import time
@@ -174,3 +176,13 @@ def test_claims_are_printed_as_they_are_summed(monkeypatch: pytest.MonkeyPatch, 
     ):
         assert shown in line
     assert "0.01200 mm over claimed u 0.01000 mm" in lines[3] and "1.0125" in lines[3]
+
+
+def test_pages_are_utf_8_in_a_locale_that_is_not(tiny: Run, tmp_path: Path) -> None:
+    folder = shutil.copytree(tiny.folder, tmp_path / "tiny")
+    (folder / "report.html").unlink()
+    around = {**os.environ, "LC_ALL": "POSIX", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    command = [sys.executable, "-m", "testfield", "report", str(folder)]
+    done = subprocess.run(command, env=around, capture_output=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert not (folder / "report.html").read_bytes().decode("utf-8").isascii()
