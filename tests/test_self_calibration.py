@@ -216,7 +216,7 @@ def test_too_little_is_an_error_that_says_so() -> None:
     ties = ties_of(truth)
     with pytest.raises(TestfieldError, match="in common"):
         calibrated(truth, ties.take(ties.point % 8 == ties.image % 8))
-    with pytest.raises(TestfieldError, match="no parameter 'k9'"):
+    with pytest.raises(TestfieldError, match="no coefficient 'k9'"):
         calibrated(truth, ties, hold=("k9",))
 
 
