@@ -107,6 +107,7 @@ def test_the_truth_of_what_moves_is_where_its_image_is(motion: Motion) -> None:
         assert np.sqrt(np.mean((found - see(still).disc_px[0]) ** 2)) > 0.2
 
 
+@pytest.mark.slow  # the limits of focus and motion below need one renderer
 def test_both_renderers_see_the_same_blurred_dimmed_picture(world: World) -> None:
     optics = Optics(25.0, 1500.0, 0.0, (-0.3, 0.05, 0.0), True)
     blurred = replace(

@@ -68,7 +68,8 @@ def field(**parts: object) -> FieldFile:
     return FieldFile.model_validate(RING | parts)
 
 
-def test_dots_without_a_code_are_named_by_their_rays_and_join_the_network() -> None:
+def test_dots_without_a_code_are_named_by_their_rays_and_join_the_network(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("testfield.uncertainty.halves.SPLITS", 1)
     truth = scene(points=60)
     whole, found = observations_of()
     length = float(np.linalg.norm(truth.point_mm[0] - truth.point_mm[1]))
@@ -86,7 +87,7 @@ def test_dots_without_a_code_are_named_by_their_rays_and_join_the_network() -> N
     as_coded = replace_codes(points, owner)
     error, nees = fitted(as_coded, truth)  # type: ignore[arg-type]
     assert np.abs(error).max() < 1
-    assert result.halves.splits == 3
+    assert result.halves.splits == 1
     assert {d.quantity for d in result.halves.differences} >= {"fx", "cx", "cy"}
     assert 0.75 < nees < 1.3  # 174 degrees of freedom
 
@@ -248,6 +249,7 @@ def test_a_real_plate_is_measured(whole_only: None, tmp_path: Path, capsys: pyte
 
 
 @real
+@pytest.mark.slow  # `test_photographs` finds and calibrates by the same grid, `test_bent_boards` knows paper that bends
 def test_a_real_grid_of_circles_calibrates_as_opencv_does(
     whole_only: None, tmp_path: Path, capsys: pytest.CaptureFixture
 ) -> None:

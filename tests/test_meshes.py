@@ -265,6 +265,7 @@ def shadow_world() -> World:
     return board_world((ball(70, (150, 100, 260)),), (lamp,), 0.2)
 
 
+@pytest.mark.slow
 def test_fast_and_path_agree_on_a_ball_and_its_shadow_within_the_noise() -> None:
     world = shadow_world()
     stage = build_stage(world)

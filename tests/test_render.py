@@ -21,6 +21,7 @@ from testfield.scene.truth import see
 from testfield.scene.world import World
 
 QUICK = Path(__file__).parents[1] / "scenes/quick.toml"
+TINY = Path(__file__).parent / "torture/tiny.toml"
 
 
 @pytest.fixture(scope="module")
@@ -158,6 +159,7 @@ def test_half_a_pixel_of_convention_would_be_seen(world: World, stage: Stage) ->
     assert error == pytest.approx(0.5, abs=0.02)
 
 
+@pytest.mark.slow  # the quick certificate compares them, too
 def test_fast_and_path_agree_within_the_noise(world: World) -> None:
     plain = replace(boards_alone(world), psf_sigma_px=0.0)
     stage = build_stage(plain)
@@ -198,7 +200,7 @@ def test_same_bytes_with_one_and_two_threads_and_twice_in_a_row(tmp_path: Path) 
         "from testfield.scene.build import build_world; from testfield.scene.load import load_scene\n"
         "from testfield.render.stage import build_stage; from testfield.render.fast import render_fast\n"
         "from testfield.render.irradiance import compute_irradiance\n"
-        f"s = build_stage(build_world(load_scene(Path({str(QUICK)!r}))))\n"
+        f"s = build_stage(build_world(load_scene(Path({str(TINY)!r}))))\n"
         "light = compute_irradiance(s, 200.0, 64, 1, lambda _: None)\n"
         "for _ in range(2):\n"
         "    seen = light.values.tobytes() + render_fast(s, light, 2, 2).values.tobytes()\n"

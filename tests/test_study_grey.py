@@ -387,6 +387,7 @@ def test_the_quick_study_runs_from_end_to_end(tmp_path: Path):
     assert json.loads((tmp_path / "findings.json").read_text())["failed"] == 0
 
 
+@pytest.mark.slow
 def test_a_rendered_run_gives_its_error_and_a_hopeless_one_its_reason(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     unit = np.full(len(FACTORS), 0.5)
     unit[NAMES.index("stations")] = 0.0
