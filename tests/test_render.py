@@ -159,13 +159,13 @@ def test_half_a_pixel_of_convention_would_be_seen(world: World, stage: Stage) ->
     assert error == pytest.approx(0.5, abs=0.02)
 
 
-@pytest.mark.slow  # the quick certificate compares them, too
-def test_fast_and_path_agree_within_the_noise(world: World) -> None:
+@pytest.mark.parametrize("pictures", [5, pytest.param(16, marks=pytest.mark.slow)])
+def test_fast_and_path_agree_within_the_noise(world: World, pictures: int) -> None:
     plain = replace(boards_alone(world), psf_sigma_px=0.0)
     stage = build_stage(plain)
     light = compute_irradiance(stage, 60.0, 2048, 5, lambda _: None)
     fast = render_fast(stage, light, 1, 8).values.astype(float)
-    runs = np.stack([render_path(stage, 1, 64, 100 + k).values.astype(float) for k in range(16)])
+    runs = np.stack([render_path(stage, 1, 64, 100 + k).values.astype(float) for k in range(pictures)])
     mean, u = runs.mean(axis=0), runs.std(axis=0, ddof=1) / np.sqrt(len(runs))
     boards = board_pixels(plain, 1)
     # Over blocks of 8 x 8 pixels, so that a small systematic difference cannot hide in the noise of single pixels.
