@@ -29,6 +29,7 @@ from testfield.targets.field_file import FieldFile, load_field_file
 from testfield.targets.marks import Marks
 from testfield.uncertainty.halves import NO_HALVES
 
+FIELDS = Path(__file__).parents[1] / "scenes/fields"
 REAL = Path(__file__).parents[1] / "../shared/real"
 real = pytest.mark.skipif(not REAL.is_dir(), reason="the real photographs (../shared/real) are not here")
 RING = {"target": {"kind": "ring14"}}
@@ -195,12 +196,7 @@ def test_without_dots_the_network_stays_as_it_is() -> None:
 def test_frames_measured_as_photographs_are_as_true_as_claimed(
     quick: Run, whole_only: None, tmp_path: Path, capsys: pytest.CaptureFixture
 ) -> None:
-    (tmp_path / "quick.toml").write_text(
-        "[target]\nkind = 'ring14'\ndiameter_mm = 14\n"
-        "[[distances]]\nname = 'control bar'\ncodes = [101, 102]\nlength_mm = 900.0\nu_mm = 0.006\n"
-        "[[distances]]\nname = 'check bar'\ncodes = [111, 112]\nlength_mm = 700.0\nu_mm = 0.006\nrole = 'check'\n"
-    )
-    images, file = str(quick.folder / "frames"), str(tmp_path / "quick.toml")
+    images, file = str(quick.folder / "frames"), str(FIELDS / "quick.toml")
     assert main(["measure", images, "--field", file, "--out", str(tmp_path), "--json"]) == 0
     answer = json.loads(capsys.readouterr().out)
     points = Points.load(tmp_path / "points.parquet")
@@ -224,8 +220,7 @@ def test_frames_measured_as_photographs_are_as_true_as_claimed(
 
 @real
 def test_a_real_plate_is_measured(whole_only: None, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
-    (tmp_path / "plate.toml").write_text("name = 'plate'\n[target]\nkind = 'ring14'\n")
-    images, file = str(REAL / "ring14_plate"), str(tmp_path / "plate.toml")
+    images, file = str(REAL / "ring14_plate"), str(FIELDS / "plate.toml")
     assert main(["measure", images, "--field", file, "--out", str(tmp_path), "--json"]) == 0
     answer = json.loads(capsys.readouterr().out)
     assert answer["reprojection_rms_px"] < 0.03
@@ -253,8 +248,7 @@ def test_a_real_plate_is_measured(whole_only: None, tmp_path: Path, capsys: pyte
 def test_a_real_grid_of_circles_calibrates_as_opencv_does(
     whole_only: None, tmp_path: Path, capsys: pytest.CaptureFixture
 ) -> None:
-    (tmp_path / "grid.toml").write_text("[target]\nkind = 'circles:10x8'\ndiameter_mm = 15\n[grid]\nspacing_mm = 25\n")
-    images, file = str(REAL / "circle_grid"), str(tmp_path / "grid.toml")
+    images, file = str(REAL / "circle_grid"), str(FIELDS / "grid.toml")
     assert main(["measure", images, "--field", file, "--out", str(tmp_path), "--hold", "k3", "--json"]) == 0
     answer = json.loads(capsys.readouterr().out)
     assert answer["reprojection_rms_px"] < 0.4755
@@ -276,8 +270,7 @@ def test_a_real_grid_of_circles_calibrates_as_opencv_does(
 @real
 @pytest.mark.slow
 def test_the_halves_of_a_real_grid_are_compared(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
-    (tmp_path / "grid.toml").write_text("[target]\nkind = 'circles:10x8'\ndiameter_mm = 15\n[grid]\nspacing_mm = 25\n")
-    images, file = str(REAL / "circle_grid"), str(tmp_path / "grid.toml")
+    images, file = str(REAL / "circle_grid"), str(FIELDS / "grid.toml")
     assert main(["measure", images, "--field", file, "--out", str(tmp_path), "--hold", "k3", "--json"]) == 0
     halves = json.loads(capsys.readouterr().out)["halves"]
     assert halves["splits"] == 3
