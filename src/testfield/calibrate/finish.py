@@ -79,7 +79,7 @@ def finished(
         covariance, names, adjustment.sigma0 * np.sqrt(found.widened), adjustment.freedom,
         float(np.sqrt((adjustment.residual_px**2).sum(axis=1).mean())), len(network.xy_px),
         tuple(turned_down + records + found.rejected), network.xy_px, adjustment.residual_px, start.graph,
-        tuple(notes + start.notes + found.notes + doubts_of(adjustment, start, covariance, names, test)),
+        tuple(notes + start.notes + found.notes + doubts_of(adjustment, start, covariance, names, test, found.plain is not None)),
         joints=edges, board_quality=board_quality(covariance, names, start.boards, edges), test=test,
         misfit=found.misfit.card, point_code=codes, point_mm=network.point_mm[loose],
         certificates=found.certificates, failures=found.failures,
@@ -102,9 +102,10 @@ def with_points(
 
 
 def doubts_of(
-    adjustment: Adjustment, start: Start, covariance: np.ndarray, labels: tuple[str, ...], test: dict
+    adjustment: Adjustment, start: Start, covariance: np.ndarray, labels: tuple[str, ...], test: dict, of_model: bool
 ) -> list[str]:
-    """Sentences on weak unknowns with the geometry to blame, on observations without control, on a failed test."""
+    """Sentences on weak unknowns with the geometry to blame, on observations without control, on a failed test;
+    `of_model` where that is a test of the lens model alone, and more was found from the residuals since."""
     notes = geometric_doubts(adjustment.network, start.stations, start.boards)
     own = [k for k, label in enumerate(labels) if not label.startswith(("point:", MODE))]
     notes += weak_unknowns(covariance[np.ix_(own, own)], [labels[k] for k in own])
@@ -114,8 +115,9 @@ def doubts_of(
         )
     if np.isfinite(test["variance"]) and test["variance"] > test["high"]:
         notes.append(
-            f"the residuals are larger than claimed: variance factor {test['variance']:.3g}, of true claims at most "
-            f"{test['high']:.3g} in 97.5 cases of 100 ({test['freedom']} degrees of freedom)"
+            f"{'by the lens model alone ' if of_model else ''}the residuals are larger than claimed: variance factor "
+            f"{test['variance']:.3g}, of true claims at most {test['high']:.3g} in 97.5 cases of 100 "
+            f"({test['freedom']} degrees of freedom)"
         )
     if test["passed"] and test["contradict"] > test["contradict_at_most"]:
         notes.append(
