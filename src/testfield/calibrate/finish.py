@@ -73,13 +73,14 @@ def finished(
     codes = np.array([code_of[k] for k in loose.tolist()], int)
     covariance, names = with_points(adjustment, network.labels(start.stations, start.boards), loose, codes)
     edges, test = joints(adjustment, start.stations, start.boards), residual_test(found.plain or adjustment)
+    doubts = doubts_of(adjustment, start, covariance, names, test, found.plain is not None)
     records = left_out(rows, field, start.why)
     calibration = Calibration(
         method, network.interior, start.stations, network.stations, start.boards, network.boards, network.scale,
         covariance, names, adjustment.sigma0 * np.sqrt(found.widened), adjustment.freedom,
         float(np.sqrt((adjustment.residual_px**2).sum(axis=1).mean())), len(network.xy_px),
         tuple(turned_down + records + found.rejected), network.xy_px, adjustment.residual_px, start.graph,
-        tuple(notes + start.notes + found.notes + doubts_of(adjustment, start, covariance, names, test, found.plain is not None)),
+        tuple(notes + start.notes + found.notes + doubts),
         joints=edges, board_quality=board_quality(covariance, names, start.boards, edges), test=test,
         misfit=found.misfit.card, point_code=codes, point_mm=network.point_mm[loose],
         certificates=found.certificates, failures=found.failures,
