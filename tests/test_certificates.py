@@ -110,6 +110,46 @@ def test_places_of_a_mirror_image_are_refused_and_not_used_where_others_are_wron
     assert found.scale_from == "nothing" and found.calibration.failures
 
 
+@pytest.mark.parametrize(
+    ("places", "off_mm", "u_mm", "failed"),
+    [(12, 0.3, 0.0, True), (12, 0.3, 0.3, False), (6, 0.3, 0.0, True), (12, 0.03, 0.02, False)],
+)
+def test_places_that_scatter_are_taken_as_they_scatter(
+    truth, places: int, off_mm: float, u_mm: float, failed: bool
+) -> None:  # type: ignore[no-untyped-def]
+    rng = np.random.default_rng(5)
+    known = {
+        c: (truth.point_mm[c - 1] + off_mm * rng.standard_normal(3), np.full(3, u_mm)) for c in range(1, places + 1)
+    }
+    found = free_network(ties_of(truth, SIGMA_PX), 4096, 3000, certified=Certified((), known))
+    assert bool(found.calibration.failures) == failed
+    if places == 12:  # where six that are said to be exact are all wrong, nothing tells by how much
+        error = (found.xyz_mm - truth.point_mm[found.code - 1]).ravel()
+        nees = error @ np.linalg.solve(found.cov_xyz_mm2, error) / len(error)
+        assert nees < 1.6
+
+
+def test_places_in_another_unit_are_doubted_by_the_size_of_the_dots(truth) -> None:  # type: ignore[no-untyped-def]
+    ties = ties_of(truth, SIGMA_PX)
+    depth = truth.stations[truth.image].apply(truth.point_mm[truth.point])[:, 2]
+    ties = replace(ties, moments_px2=(0.5 * 7.0 * 4000 / depth)[:, None, None] ** 2 * np.eye(2))
+    known = {c: (truth.point_mm[c - 1] / 1000, np.full(3, 2e-5)) for c in range(1, 9)}
+    found = free_network(ties, 4096, 3000, certified=Certified((), known))
+    assert said(found, "the certified places", "mm in diameter")
+
+
+@pytest.mark.parametrize("u_mm", [5.0, 20.0, 100.0])
+def test_the_scale_of_a_hall_is_as_uncertain_as_its_bar(truth, u_mm: float) -> None:  # type: ignore[no-untyped-def]
+    bar = bar_of(truth)
+    hall = replace(bar, length_mm=100 * bar.length_mm, u_length_mm=u_mm)
+    found = calibrated(truth, ties_of(truth, SIGMA_PX), hall)
+    a, b = (int(np.flatnonzero(found.code == c)[0]) for c in hall.codes)
+    along = np.zeros(3 * len(found.code))
+    toward = (found.xyz_mm[a] - found.xyz_mm[b]) / np.linalg.norm(found.xyz_mm[a] - found.xyz_mm[b])
+    along[3 * a : 3 * a + 3], along[3 * b : 3 * b + 3] = toward, -toward
+    assert np.sqrt(along @ found.cov_xyz_mm2 @ along) == pytest.approx(u_mm, rel=0.01)
+
+
 def test_diameters_in_another_unit_are_named_with_the_bar_alone(truth) -> None:  # type: ignore[no-untyped-def]
     ties = ties_of(truth, SIGMA_PX)
     depth = truth.stations[truth.image].apply(truth.point_mm[truth.point])[:, 2]

@@ -38,7 +38,7 @@ def measured(by_hand: HandMade, tmp_path_factory: pytest.TempPathFactory) -> tup
     """The folder of a measurement of the hand-made field, of which one point has no code, and its summary."""
     folder = tmp_path_factory.mktemp("measured")
     points = replace(by_hand.points, code=np.where(by_hand.points.code == 37, -1, by_hand.points.code))
-    lengths, notes = _lengths(Certified(by_hand.world.field.scale_bars, {}, {}), points, set())
+    lengths, notes = _lengths(Certified(by_hand.world.field.scale_bars, {}, {}), points, set(), "distances")
     assert len(notes) == 1 and "check three" in notes[0]
     o = by_hand.observations
     o = replace(o, point=np.where(o.status == MEASURED, 0, -1))

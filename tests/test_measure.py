@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 from test_self_calibration import CAMERA, SIGMA_PX, calibrated, fitted, scene, ties_of
 
@@ -14,12 +15,15 @@ from testfield.calibrate.certified import Certified
 from testfield.calibrate.misfit import NO_MISFIT
 from testfield.calibrate.self_calibration import free_network
 from testfield.calibrate.stitched import stitched
+from testfield.camera.pose import Poses
+from testfield.camera.project import project
 from testfield.chain.measure import certified_of, measure, with_dots
 from testfield.chain.run import Run
 from testfield.cli.main import main
+from testfield.detect.circle_grid import order_grid
 from testfield.detect.observations import MEASURED, Observations
 from testfield.detect.photograph import Found
-from testfield.detect.target_spec import parse_target
+from testfield.detect.target_spec import TargetSpec, parse_target
 from testfield.errors import TestfieldError
 from testfield.reconstruct.points import Points
 from testfield.reconstruct.uncoded import match_dots
@@ -106,6 +110,70 @@ def test_a_check_distance_that_misses_fails_the_measurement(whole_only: None) ->
     assert not result.calibration.test["passed"] and not result.calibration.rejected
 
 
+@pytest.mark.parametrize(
+    ("diameter_mm", "role", "codes", "failure"),
+    [
+        (None, "check", [1, 2], "cannot be compared: the scale is arbitrary"),
+        (None, "check", [1, 99], "cannot be compared: an end of it"),
+        (None, "control", [1, 99], "no certified distance can be used"),
+        (10.2, "control", [1, 99], "no certified distance can be used"),
+        (10.2, "check", [1, 2], ""),
+    ],
+)
+def test_what_was_certified_and_cannot_be_used_is_a_failure(
+    diameter_mm: float | None, role: str, codes: list[int], failure: str, whole_only: None
+) -> None:
+    """Dots of 10 mm whose diameters are told 2 % wrong: the scale, and what is stated of it, is theirs."""
+    truth = scene(points=60)
+    whole, found = observations_of(coded=60)
+    found = [replace(one, observations=replace(one.observations, centre_of_disc=True)) for one in found]
+    for one in found:
+        one.observations.moments_px2[:] /= 4  # those of a disc: a quarter of its squared half-axes
+    bar = {"name": "bar", "codes": codes, "length_mm": float(np.linalg.norm(truth.point_mm[0] - truth.point_mm[1]))}
+    target = {"kind": "ring14"} | ({"diameter_mm": diameter_mm} if diameter_mm else {})
+    asked = FieldFile.model_validate({"target": target, "distances": [bar | {"u_mm": 0.01, "role": role}]})
+    result = measure(whole.stations, found, (4096, 3000), asked, parse_target("ring14"))
+    said = " ".join(result.calibration.failures)
+    assert (failure in said) if failure else not said
+    if not failure:
+        (length,) = result.lengths
+        assert 0.01 < length.measured_mm / length.certified_mm - 1 < 0.03
+        assert length.u_measured_mm == pytest.approx(0.07 * length.measured_mm, rel=0.01)
+        assert abs(length.en) < 0.5
+
+
+def test_a_grids_size_may_be_written_either_way_round(whole_only: None) -> None:
+    answers = []
+    for size in ("10x8", "8x10"):
+        target = parse_target(f"circles:{size}")
+        asked = FieldFile.model_validate(
+            {"target": {"kind": f"circles:{size}", "diameter_mm": 10}, "grid": {"spacing_mm": 25}}
+        )
+        found = [seen_grid(k, target) for k in range(8)]
+        result = measure(tuple(f"s{k}" for k in range(8)), found, (4096, 3000), asked, target)
+        assert not result.calibration.failures and not result.calibration.rejected
+        assert result.calibration.used == 640
+        answers.append(result.calibration.interior.parameters)
+    assert np.array_equal(*answers)
+
+
+def seen_grid(image: int, target: TargetSpec) -> Found:
+    """A grid of 10 x 8 dots, 25 mm apart, by the camera of `test_self_calibration` from one of eight places."""
+    k = np.arange(80)
+    xyz = 25.0 * np.column_stack([k % 10, k // 10, 0 * k])
+    turn = Rotation.from_euler("zxy", [0.8 * image, 0.4 * np.sin(image), 0.4 * np.cos(image)]).as_matrix()
+    pose = Poses(turn[None], (np.array([0, 0, 400.0 + 30 * image]) - turn @ xyz.mean(axis=0))[None])
+    xy = project(CAMERA, pose[np.zeros(80, int)], xyz)
+    xy = xy + np.random.default_rng(image).normal(0, 0.05, xy.shape)
+    place = order_grid(xy, np.full(80, 90.0), target.columns, target.rows)
+    none = np.full(80, -1)
+    observations = Observations(
+        (f"s{image}",), np.zeros(80, int), xy, np.tile(0.0025 * np.eye(2), (80, 1, 1)),
+        np.tile(500 * np.eye(2), (80, 1, 1)), np.zeros(80, int), none, none, np.ones(80), np.full(80, MEASURED), False,
+    )  # fmt: skip
+    return Found(observations, place, ())
+
+
 def replace_codes(points: Points, owner: np.ndarray) -> Points:
     return replace(points, code=1 + owner)
 
@@ -159,6 +227,19 @@ def test_a_field_file_says_what_is_certified() -> None:
         ("[target]\nkind = 'circles:10x8'\ndiameter_mm = 3", "needs [grid] with spacing_mm"),
         ("[target]\nkind = 'circles:10x8'\n[grid]\nspacing_mm = 9", "needs target.diameter_mm"),
         ("[target]\nkind = 'circles'\ndiameter_mm = 3\n[grid]\nspacing_mm = 9", "columns and rows"),
+        ("[target]\nkind = ' circles:10x8'\ndiameter_mm = 3", "needs [grid] with spacing_mm"),
+        ("[target]\nkind = 'ring14'\ndiameters_mm = { 3 = 0 }", "diameters_mm.3: value 0"),
+        ("[target]\nkind = 'ring14'\n[[distances]]\ncodes=[0, 2]\nlength_mm=3", "distances[0].codes[0]: value 0"),
+        (
+            "[target]\nkind = 'ring14'\n[[distances]]\ncodes=[1, 2]\nlength_mm=3\n[[distances]]\ncodes=[1, 2]\n"
+            "length_mm=3",
+            "two distances are called 'bar 1-2'",
+        ),
+        (
+            "[target]\nkind = 'ring14'\n[[boards]]\npoints = [{ code = 1, xyz_mm = [0, 0, 0], u_mm = -0.5 },"
+            " { code = 2, xyz_mm = [1, 0, 0] }, { code = 3, xyz_mm = [0, 1, 0] }]",
+            "boards[0].points[0].u_mm",
+        ),
         ("[target]\nkind = 'ring14'\n[grid]\nspacing_mm = 9", "belongs to target.kind"),
         ("name = 'x'", "target: this field is required"),
         ("name = ", "not valid TOML"),

@@ -62,8 +62,7 @@ def _similarity(network: Network, layout: Layout, centre: np.ndarray) -> tuple[n
     held += np.einsum("nia,nij,njb->ab", by_point, network.information, by_point)
     kept = network.kept_points
     by_reduced[layout.kept :] = by_point[kept].reshape(-1, 7)
-    known = network.distances.length_mm / np.maximum(network.distances.u_mm, EXACT_MM)
-    held[6, 6] += (known**2).sum() / max(float((network.distances.length_mm**2).mean()), 1.0) if len(known) else 0.0
+    held[6, 6] += ((network.distances.length_mm / np.maximum(network.distances.u_mm, EXACT_MM)) ** 2).sum()
     return by_reduced, by_point, held
 
 

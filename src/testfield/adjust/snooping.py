@@ -36,12 +36,12 @@ class Blunder:
 
 @dataclass(frozen=True)
 class Snooped:
-    """`found` in their order; `sigmas` (k,) of every possible blunder, after those found, `scatter` the factor by which
-    their kinds' misfits exceed their standard deviations on the whole (1: none does)."""
+    """`found` in their order; `sigmas` (k,) of every possible blunder, after those found; `scatter` (k,) the factor by
+    which the misfits of its kind exceed their standard deviations on the whole (1: they do not)."""
 
     found: tuple[Blunder, ...]
     sigmas: np.ndarray
-    scatter: float
+    scatter: np.ndarray
 
 
 def snoop(
@@ -76,7 +76,7 @@ def snoop(
         for k in [b.number for b in found]:
             chance[k] = 0.0
         if not len(chance) or chance.min() > np.log(limit):
-            return Snooped(tuple(found), size, float(np.sqrt(scatter.max(initial=1.0))))
+            return Snooped(tuple(found), size, np.sqrt(scatter))
         best = int(np.argmin(chance))
         taken = [b.number for b in found]
         # A rival of more dimensions must explain more: what chance would let each explain is taken off.

@@ -27,6 +27,10 @@ FALSE_ALARM = 0.001
 left out takes the scale with it, and certificates that are wrong are wrong by many times what they claim."""
 U_DIAMETER = 0.07
 """Relative standard uncertainty of a scale by dots' diameters: what blur, paint and oblique views do to them."""
+SCATTERED, CONTRADICT = 1.5, 3.0
+"""How many times as much as they claim certificates scatter from which it is said, and from which they do not hold."""
+MOST_LEFT_OUT = 0.4
+"""Part of the certificates of a kind that may be wrong before nobody can say which are."""
 DOTS_MM = (0.1, 1000.0)
 """Between these are the diameters of targets that people print and stick; others make a length's unit doubtful."""
 BENT = 0.01
@@ -145,19 +149,18 @@ def attached(network: Network, ties: Ties, radius_mm: np.ndarray, held: Tested, 
     return replace(network, distances=Distances(ends, lengths, u)), radius_mm
 
 
-def doubtful_scale(network: Network, ties: Ties, bars: tuple[ScaleBar, ...]) -> list[str]:
-    """A question where certified distances alone make the scale, and dots become of a size that no targets have."""
+def doubtful_scale(network: Network, ties: Ties, held: Tested) -> list[str]:
+    """A question where by what holds the dots become of a size that no targets have."""
     with np.errstate(invalid="ignore"):
         diameter = 2 * measured_radii(network, ties.moments_px2)
-    if not bars or not np.isfinite(diameter).any():
+    if not (held.bars or held.known) or not np.isfinite(diameter).any():
         return []
     middle = float(np.nanmedian(diameter))
     if DOTS_MM[0] <= middle <= DOTS_MM[1]:
         return []
-    factor = 1000.0 if middle < DOTS_MM[0] else 0.001
-    return [
-        f"with the distance '{bars[0].name}' the dots would be {middle:.3g} mm in diameter: {unit_of(factor, 'length')}"
-    ]
+    by = "the certified places" if held.known else f"the distance '{held.bars[0].name}'"
+    unit = "metres, feet or inches" if middle < DOTS_MM[0] else "micrometres"
+    return [f"with {by} the dots would be {middle:.3g} mm in diameter: is it in {unit} instead of millimetres?"]
 
 
 def _in_doubt(network: Network, ties: Ties, known: dict[int, tuple[np.ndarray, np.ndarray]]) -> str:
@@ -286,6 +289,8 @@ def _judged(
         said = _said(item, blunder, off, bars, known)
         if not rivals:
             notes.append(f"{said}: it is left out")
+            if item.kind == DIAMETERS and _other_unit(1 + float(blunder.amount[0]) / 1000):
+                failures.append(notes[-1])
             continue
         names = ", ".join(_called(rival, bars) for rival in rivals)
         part = _part(item, blunder, bars)
@@ -297,17 +302,47 @@ def _judged(
         failures.append(sentence)
     if known and not places:
         notes.append("the certified places contradict each other or the rest: the network is free")
-    if snooped.scatter > 1.5:
+        failures.append(notes[-1])
+    for kind, count in ((PLACE, len(known)), (DISTANCE, len(bars))):
+        if count > 2 and len(gone[kind]) > MOST_LEFT_OUT * count and not failures:
+            notes.append(
+                f"{len(gone[kind])} of {count} {kind}s are left out: those that are left may be the wrong ones"
+            )
+            failures.append(notes[-1])
+    scatter = float(snooped.scatter.max(initial=1.0))
+    if scatter > SCATTERED:
         notes.append(
-            f"the certificates scatter about the network {snooped.scatter:.1f} times as much as both claim, none of "
-            "them alone: the lens is not what the model says, or they are less certain than stated"
+            f"the certificates scatter about the network {scatter:.1f} times as much as both claim, none of them "
+            "alone: the lens is not what the model says, or they are less certain than stated; their uncertainty is "
+            "taken from their scatter"
         )
+        failures += [notes[-1]] if scatter > CONTRADICT else []
+    more = _scattered(off, snooped.scatter) if scatter > SCATTERED else {}
     u = [float(np.hypot(bar.u_length_mm, widest * bar.length_mm)) for bar in left]
-    left = [replace(bar, u_length_mm=v) for bar, v in zip(left, u, strict=True)] if widest else left
+    left = [
+        replace(bar, u_length_mm=float(np.hypot(v, more.get((DISTANCE, bars.index(bar)), 0.0))))
+        for bar, v in zip(left, u, strict=True)
+    ]
+    places = {c: (xyz, np.hypot(u, more.get((PLACE, c), 0.0))) for c, (xyz, u) in places.items()}
     found = [off.items[k].columns for k in dropped]
     scale = 1.0 if places else _scale(off, found)
     records = [_record(off.items[k], snooped.sigmas[k], dropped.get(k), off, bars) for k in range(len(off.items))]
     return Tested(tuple(left), places, scale, scale_from, tuple(r for r in records if r), tuple(notes), tuple(failures))
+
+
+def _scattered(off: _Misclosure, scatter: np.ndarray) -> dict[tuple[str, int], float]:
+    """By kind and key, the standard uncertainty that a certificate must have beside its own to scatter as its kind
+    does."""
+    variance = np.diag(off.cov)
+    return {
+        (item.kind, item.key): float(np.sqrt((times**2 - 1) * variance[item.columns.any(axis=1)].mean()))
+        for item, times in zip(off.items, scatter, strict=True)
+        if item.kind in (PLACE, DISTANCE)
+    }
+
+
+def _other_unit(ratio: float) -> bool:
+    return abs(np.log(max(ratio, 1e-4))) > np.log(OTHER_UNIT)
 
 
 def _scale(off: _Misclosure, blunders: list[np.ndarray]) -> float:
@@ -366,7 +401,7 @@ def _said(
             return f"the certified places are {times:.4g} times as far apart as the rest says ({sure}): in another unit"
         return f"the scale of the certified places is off by {100 * by:+.3g} % ({sure})"
     by = by / 1000
-    guess = "" if abs(np.log1p(max(by, -0.9999))) < np.log(OTHER_UNIT) else ": they are in another unit"
+    guess = ": they are in another unit" if _other_unit(1 + by) else ""
     wide = off.diameter_mm / max(1 + by, 1e-12)
     return f"the dots are {wide:.4g} mm wide, and certified as {off.diameter_mm:.4g} mm ({sure}{guess})"
 

@@ -5,6 +5,7 @@ not exactly, so that what is claimed of everything else is true. Which parameter
 another: a group is freed when all that is free is then known better than so.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,8 +17,8 @@ from testfield.adjust.network import Camera, Distances, Images, Network
 from testfield.adjust.normal import Factor
 from testfield.adjust.reliability import reliability
 from testfield.adjust.weakness import weak_unknowns
-from testfield.calibrate.calibration import Calibration
-from testfield.calibrate.certificates import Tested, attached, doubtful_scale, tested, without_certificates
+from testfield.calibrate.calibration import Calibration, point_label
+from testfield.calibrate.certificates import U_DIAMETER, Tested, attached, doubtful_scale, tested, without_certificates
 from testfield.calibrate.certified import Certified, in_datum
 from testfield.calibrate.edges import front_only
 from testfield.calibrate.finish import with_points
@@ -79,7 +80,7 @@ class FreeNetwork:
 class Job:
     """What is adjusted: `network`, its `ties` in the same order, `radius_mm` (n,) of the discs (NaN: none), `stations`
     names; `rejected` records; `notes`; what is `certified`, tested or not; `shared` targets that each image had in
-    common with others to begin with."""
+    common with others to begin with; `failures` that were there before anything was adjusted."""
 
     network: Network
     ties: Ties
@@ -89,6 +90,7 @@ class Job:
     notes: tuple[str, ...]
     certified: Certified
     shared: dict[str, int]
+    failures: tuple[str, ...] = ()
 
     @property
     def labels(self) -> list[str]:
@@ -128,6 +130,7 @@ def self_calibration(
     loose = np.isin(found.code, list(field.loose))
     seen = found.adjustment.network.seen_points[loose]
     covariance, labels = with_points(found.adjustment, found.labels, seen, found.code[loose])
+    covariance = covariance + by_scale(found.adjustment.network, found.job.ties, labels, found.scale_from)
     return replace(
         found.calibration, covariance=covariance, labels=labels, point_code=found.code[loose],
         point_mm=found.xyz_mm[loose],
@@ -181,9 +184,20 @@ def free_network(
     network, _ = free_what_is_determined(network, ties.stations, hold)
     datum = in_datum(network, ties, certified or Certified(), images_of)
     job = Job(
-        datum.network, ties, datum.radius_mm, datum.scale_from, (), tuple(said) + datum.notes, datum.usable, shared
-    )
+        datum.network, ties, datum.radius_mm, datum.scale_from, (), tuple(said) + datum.notes, datum.usable, shared,
+        _not_used(certified or Certified(), datum.scale_from),
+    )  # fmt: skip
     return settled(job, hold, empirical, misfit)
+
+
+def _not_used(certified: Certified, scale_from: str) -> tuple[str, ...]:
+    """A sentence where a scale or a frame is certified that the result does not have."""
+    control = [bar for bar in certified.bars if bar.role == "control"]
+    if certified.known and scale_from != "control points":
+        return ("the certified places cannot be used: the result is not in their frame",)
+    if control and scale_from not in ("control points", "distances"):
+        return (f"no certified distance can be used ('{control[0].name}' and others): the scale is not theirs",)
+    return ()
 
 
 def settled(job: Job, hold: tuple[str, ...], empirical: bool, misfit: Misfit | None = None) -> FreeNetwork:
@@ -209,8 +223,7 @@ def settled(job: Job, hold: tuple[str, ...], empirical: bool, misfit: Misfit | N
         job, adjustment = _settle(replace(job, network=network), reject=False)
     notes = [*job.notes, *lens_notes, *held.notes, *_doubts(job, adjustment)]
     notes += misfit.notes
-    if not held.known:
-        notes += doubtful_scale(adjustment.network, job.ties, held.bars)
+    notes += doubtful_scale(adjustment.network, job.ties, held)
     factor = misfit.variance
     if empirical or misfit.found:
         adjustment, more = widened(adjustment, _names(job))
@@ -294,17 +307,35 @@ def _result(job: Job, adjustment: Adjustment, notes: tuple[str, ...], misfit: fl
         turned_down[record["code"]] = turned_down.get(record["code"], 0) + 1
     calibration = Calibration(
         "self", network.interior, ties.stations, network.stations, (), Poses.identity(0), 1.0,
-        adjustment.covariance[np.ix_(index, index)], tuple(labels[: len(index)]), adjustment.sigma0 * misfit,
+        adjustment.covariance[np.ix_(index, index)] + by_scale(network, ties, labels[: len(index)], job.scale_from),
+        tuple(labels[: len(index)]), adjustment.sigma0 * misfit,
         adjustment.freedom, float(np.sqrt(size2.mean())), len(network.xy_px), job.rejected, network.xy_px,
         adjustment.residual_px, (), notes, test=residual_test(adjustment), certificates=held.records,
-        failures=(*held.failures, *lost_images(job.shared, ties.stations, 2 * LEAST_COMMON)),
+        failures=(*job.failures, *held.failures, *lost_images(job.shared, ties.stations, 2 * LEAST_COMMON)),
     )  # fmt: skip
+    own = [label for code in ties.code[seen] for label in (f"{point_name(int(code))}.{axis}" for axis in "xyz")]
     ends = {code: bar.name for bar in job.certified.bars for code in bar.codes}
     calibration = of_ties(calibration, network.image, ties.code[network.point], ends)
     return FreeNetwork(
-        calibration, ties.code[seen], network.point_mm[seen], adjustment.cov.points(seen), rays[seen], rms[seen],
+        calibration, ties.code[seen], network.point_mm[seen], 
+        adjustment.cov.points(seen) + by_scale(network, ties, own, job.scale_from), rays[seen], rms[seen],
         np.array([turned_down[int(c)] for c in ties.code[seen]], int), job.scale_from, job, adjustment,
     )  # fmt: skip
+
+
+def by_scale(network: Network, ties: Ties, labels: Sequence[str], scale_from: str) -> np.ndarray:
+    """What the uncertainty of a scale by the dots' diameters adds to the covariance of the unknowns named: all places
+    move away from the origin together. Nothing where the scale is from something else."""
+    if scale_from != "diameters":
+        return np.zeros((len(labels), len(labels)))
+    moved: dict[str, float] = dict.fromkeys(labels, 0.0)
+    for name, t in zip(ties.stations, network.stations.t_mm, strict=True):
+        moved |= {f"station:{name}.t{axis}": value for axis, value in zip("xyz", t.tolist(), strict=True)}
+    for code, xyz in zip(ties.code, network.point_mm, strict=True):
+        for name in (point_name(int(code)), point_label(int(code))):
+            moved |= {f"{name}.{axis}": value for axis, value in zip("xyz", xyz.tolist(), strict=True)}
+    column = U_DIAMETER * np.array([moved[label] for label in labels])
+    return np.outer(column, column)
 
 
 # ------------------------------------------------------------------ which parameters of the lens

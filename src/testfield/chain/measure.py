@@ -129,9 +129,9 @@ def _measured(
     job = result.job
     named[job.ties.row] = [place.get(int(c), -1) for c in job.ties.code[job.ties.point]]
     unused = {c["certificate"] for c in result.calibration.certificates if not c["used"]}
-    lengths, said = _lengths(certified, points, unused)
-    calibration = replace(result.calibration, notes=(*result.calibration.notes, *said))
-    calibration = failed(calibration, failed_checks([(d.name, d.en) for d in lengths if d.role == "check"]))
+    lengths, not_compared = _lengths(certified, points, unused, result.scale_from)
+    wrong = failed_checks([(d.name, d.en) for d in lengths if d.role == "check"])
+    calibration = failed(result.calibration, not_compared + wrong)
     return Measurement(replace(observations, point=named), calibration, points, lengths, _datum(result, field))
 
 
@@ -185,16 +185,21 @@ def with_dots(
     return settled(replace(job, network=wider, ties=ties, radius_mm=radius), hold, True, misfit)
 
 
-def _lengths(certified: Certified, points: Points, unused: set[str]) -> tuple[tuple[Length, ...], list[str]]:
-    have, answer, notes = {int(c) for c in points.code}, [], []
+def _lengths(
+    certified: Certified, points: Points, unused: set[str], scale_from: str
+) -> tuple[tuple[Length, ...], list[str]]:
+    """Certified distances as measured, and a sentence for each check distance that cannot be compared."""
+    have, answer, said = {int(c) for c in points.code}, [], []
     for bar in certified.bars:
         if not set(bar.codes) <= have:
             if bar.role == "check":
-                notes.append(f"the check distance '{bar.name}' has an end that was not measured")
+                said.append(f"the check distance '{bar.name}' cannot be compared: an end of it was not measured")
             continue
         a, b = points.rows(list(bar.codes))
         length, u = points.distance(int(a), int(b))
-        apart = bar.role == "check" or bar.name in unused
+        if bar.role == "check" and scale_from == "nothing":
+            said.append(f"the check distance '{bar.name}' cannot be compared: the scale is arbitrary")
+        apart = (bar.role == "check" or bar.name in unused) and scale_from != "nothing"
         en = (length - bar.length_mm) / (2 * np.hypot(u, max(bar.u_length_mm, 1e-9))) if apart else None
         answer.append(
             Length(
@@ -208,7 +213,7 @@ def _lengths(certified: Certified, points: Points, unused: set[str]) -> tuple[tu
                 None if en is None else float(en),
             )
         )
-    return tuple(answer), notes
+    return tuple(answer), said
 
 
 def _datum(result: FreeNetwork, field: FieldFile) -> str:
@@ -233,16 +238,18 @@ def _of_grid(
 ) -> Measurement:
     """A camera from photographs of a flat grid of circles."""
     assert field.grid and field.target.diameter_mm  # a field file of circles has both
-    k = np.arange(target.columns * target.rows)
-    xy = field.grid.spacing_mm * np.column_stack([k % target.columns, k // target.columns]).astype(float)
+    # A grid's columns run along its longer side, however its size was written.
+    columns, rows = max(target.columns, target.rows), min(target.columns, target.rows)
+    k = np.arange(columns * rows)
+    xy = field.grid.spacing_mm * np.column_stack([k % columns, k // columns]).astype(float)
     marks = Marks(xy, np.full(len(k), field.target.diameter_mm), np.zeros(len(k), int), 14)
     board = NominalBoard("grid", marks, field.grid.u_mm, field.grid.u_flat_mm)
     place = np.concatenate([one.place for one in found])
     on = (place[:, 0] >= 0) & (observations.status == MEASURED)
-    point = np.where(on, place[:, 1] * target.columns + place[:, 0], -1)
+    point = np.where(on, place[:, 1] * columns + place[:, 0], -1)
     named = replace(observations, board=np.where(on, 0, -1), point=point)
     sizes = Counter(tuple((one.place.max(axis=0, initial=-1) + 1).tolist()) for one in found)
-    odd = [s for s in sizes if s != (target.columns, target.rows)]
+    odd = [s for s in sizes if s != (columns, rows)]
     calibration = stitched(named, Field(14, (board,)), *size_px, lens, hold, True, misfit)
     notes = (*calibration.notes, *(f"{sizes[s]} image(s) show a grid of {s[0]} x {s[1]} only" for s in odd))
     empty = Points("stitched", *(np.zeros(s, t) for s, t in EMPTY))

@@ -2,9 +2,18 @@
 
 import json
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    NonNegativeFloat,
+    PositiveFloat,
+    PositiveInt,
+    ValidationError,
+    model_validator,
+)
 
 from testfield.errors import TestfieldError
 from testfield.store.toml import parse_toml, read_toml
@@ -23,7 +32,7 @@ class TargetPart(_Part):
     radii: Literal["1:2:3", "1:2.5:4"] = Field("1:2:3", description="Shape of the ring codes.")
     white_on_black: bool | None = Field(None, description="Bright dots on dark ground; absent, whichever is found.")
     diameter_mm: float | None = Field(None, gt=0, description="Diameter of all dots that are not listed.")
-    diameters_mm: dict[int, float] = Field(default_factory=dict, description="Diameters by code.")
+    diameters_mm: dict[PositiveInt, PositiveFloat] = Field(default_factory=dict, description="Diameters by code.")
 
 
 class PlacePart(_Part):
@@ -31,7 +40,9 @@ class PlacePart(_Part):
 
     code: int = Field(ge=1)
     xyz_mm: Triple
-    u_mm: float | Triple | None = Field(None, description="Standard uncertainty of the coordinates, or of each.")
+    u_mm: NonNegativeFloat | tuple[NonNegativeFloat, NonNegativeFloat, NonNegativeFloat] | None = Field(
+        None, description="Standard uncertainty of the coordinates, or of each."
+    )
 
 
 class BoardPart(_Part):
@@ -53,11 +64,19 @@ class BoardPart(_Part):
 class DistancePart(_Part):
     """A certified distance between two codes."""
 
-    name: str = "bar"
-    codes: tuple[int, int]
+    name: str
+    codes: tuple[PositiveInt, PositiveInt]
     length_mm: float = Field(gt=0)
     u_mm: float = Field(0.0, ge=0, description="Standard uncertainty of the length.")
     role: Literal["control", "check"] = Field("control", description="`check` is compared and makes no scale.")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _named(cls, data: Any) -> Any:
+        """A distance without a name is called after its codes."""
+        if isinstance(data, dict) and "name" not in data and isinstance(data.get("codes"), list | tuple):
+            return data | {"name": f"bar {'-'.join(map(str, data['codes']))}"}
+        return data
 
     @model_validator(mode="after")
     def _two(self) -> "DistancePart":
@@ -85,7 +104,11 @@ class FieldFile(_Part):
 
     @model_validator(mode="after")
     def _whole(self) -> "FieldFile":
-        circles = self.target.kind.startswith("circles")
+        called = [d.name for d in self.distances]
+        twice = sorted({name for name in called if called.count(name) > 1})
+        if twice:
+            raise ValueError(f"two distances are called '{twice[0]}': give each a name of its own")
+        circles = self.target.kind.strip().startswith("circles")
         if circles and self.grid is None:
             raise ValueError("a grid of circles needs [grid] with spacing_mm")
         if circles and self.target.diameter_mm is None:
