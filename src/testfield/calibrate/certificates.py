@@ -29,13 +29,14 @@ U_DIAMETER = 0.07
 """Relative standard uncertainty of a scale by dots' diameters: what blur, paint and oblique views do to them."""
 SCATTERED, CONTRADICT = 1.5, 3.0
 """How many times as much as they claim certificates scatter from which it is said, and from which they do not hold."""
-MOST_LEFT_OUT = 0.4
-"""Part of the certificates of a kind that may be wrong before nobody can say which are."""
 DOTS_MM = (0.1, 1000.0)
 """Between these are the diameters of targets that people print and stick; others make a length's unit doubtful."""
 BENT = 0.01
 """Part of their extent by which most certified places may miss the network before all of them are in doubt."""
 DISTANCE, PLACE, DIAMETERS, PLACES = "distance", "place", "diameters", "places"
+MOST_LEFT_OUT = {PLACE: 0.4, DISTANCE: 0.5}
+"""Part of the certificates of a kind that may be wrong before nobody can say which are: two distances of four that
+agree confirm each other; three places of six, of which seven unknowns are determined, hardly do."""
 
 
 @dataclass(frozen=True)
@@ -304,7 +305,7 @@ def _judged(
         notes.append("the certified places contradict each other or the rest: the network is free")
         failures.append(notes[-1])
     for kind, count in ((PLACE, len(known)), (DISTANCE, len(bars))):
-        if count > 2 and len(gone[kind]) > MOST_LEFT_OUT * count and not failures:
+        if count > 2 and len(gone[kind]) > MOST_LEFT_OUT[kind] * count and not failures:
             notes.append(
                 f"{len(gone[kind])} of {count} {kind}s are left out: those that are left may be the wrong ones"
             )
