@@ -11,7 +11,10 @@ import pytest
 
 from testfield.calibrate.calibration import Calibration
 from testfield.camera.images import Radiance, load_sheet
+from testfield.chain.measure import EMPTY
 from testfield.chain.run import Run
+from testfield.cli.main import main
+from testfield.detect.observations import Observations
 from testfield.errors import TestfieldError
 from testfield.reconstruct.points import Points
 from testfield.score.scorecard import load_scorecard
@@ -121,3 +124,29 @@ def test_a_frame_of_another_station_is_refused(quick: Run, tmp_path: Path) -> No
         shutil.copy(quick.folder / f"frames/station02.{kind}", tmp_path / f"station01.{kind}")
     with pytest.raises(TestfieldError, match="station02"):
         Frame.load(tmp_path / "station01.png", "station01")
+
+
+@pytest.mark.parametrize("name", ["observations.parquet", "points.parquet"])
+def test_notes_that_are_no_text_are_named_or_change_nothing(name: str, tiny: Run, tmp_path: Path) -> None:
+    import pyarrow.parquet as pq
+
+    path, load = tmp_path / name, {"observations.parquet": Observations.load, "points.parquet": Points.load}[name]
+    table = pq.read_table(tiny.folder / name)
+    told = dict(table.schema.metadata)
+    for key in told:
+        for changed in (told | {key: b"\xfe" + told[key]}, told | {b"\xc1": b"\xb7"}):
+            pq.write_table(table.replace_schema_metadata(changed), path)
+            try:
+                load(path)
+            except TestfieldError as error:
+                assert name in error.sentence()
+
+
+def test_points_of_which_none_is_left_are_not_accepted(
+    tiny: Run, tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    folder = shutil.copytree(tiny.folder, tmp_path / "tiny")
+    none = Points("gls", *(np.zeros(shape, kind) for shape, kind in EMPTY))
+    none.save(folder / "points.parquet")
+    assert main(["accept", str(folder), "--a-mm", "1"]) == 2
+    assert "none of the" in capsys.readouterr().err

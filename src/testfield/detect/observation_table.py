@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from testfield.errors import TestfieldError
+from testfield.store.sheets import notes_of
 from testfield.targets.field import Field
 
 FLOATS = (
@@ -37,7 +38,7 @@ def read_table(path: Path, field: Field | None, size_px: tuple[int, int] | None)
     """
     table = _opened(path)
     column = {name: _column(table, name, path) for name in (*FLOATS, *INTEGERS, *TEXTS)}
-    notes = {key.decode(): value.decode() for key, value in (table.schema.metadata or {}).items()}
+    notes = notes_of(table)
     if notes.get("centre_of_disc") not in ("True", "False"):
         raise TestfieldError(
             f"the table's metadata says centre_of_disc = {notes.get('centre_of_disc')!r}", str(path),
@@ -103,7 +104,8 @@ def _column(table: Any, name: str, path: Path) -> np.ndarray:
         if not (is_text if name in TEXTS else is_number):
             raise pa.ArrowInvalid(f"it holds {column.type}")
         column = column.cast(wanted)
-    except (pa.ArrowInvalid, pa.ArrowNotImplementedError) as error:
+        values = column.to_numpy()
+    except (pa.ArrowInvalid, pa.ArrowNotImplementedError, UnicodeDecodeError) as error:
         reason = " ".join(str(error).split())[:100]
         raise TestfieldError(
             f"column {name} is {column.type} and cannot be read as {wanted} ({reason})", str(path), "write it as that"
@@ -111,7 +113,6 @@ def _column(table: Any, name: str, path: Path) -> np.ndarray:
     if column.null_count:
         k = column.is_null().to_pylist().index(True)
         raise TestfieldError(f"row {k}, {name} is empty", str(path), "write a value, or leave the row out")
-    values = column.to_numpy()
     return np.asarray(values.astype(object) if name in TEXTS else values)
 
 

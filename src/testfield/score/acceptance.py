@@ -102,7 +102,7 @@ def measured(points: Points, asked: list[Asked]) -> MeasuredLengths:
     rows, direction = np.arange(len(here)), off / length[:, None]
     gain[rows, ends[:, 1]] += direction
     gain[rows, ends[:, 0]] -= direction
-    flat = gain.reshape(len(here), -1)
+    flat = gain.reshape(len(here), 3 * len(points))
     return MeasuredLengths(
         tuple(line for line, *_ in here), np.array([(a, b) for _, a, b, _, _ in here], int).reshape(-1, 2),
         np.array([value for *_, value, _ in here]), np.array([u for *_, u in here]), length,

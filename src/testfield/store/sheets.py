@@ -94,13 +94,19 @@ def unique(names: Any, what: str) -> None:
         raise ValueError(f"{what} '{twice}' occurs twice")
 
 
+def notes_of(table: Any) -> dict[str, str]:
+    """What goes with an Arrow table beside its columns; what is no text is read as far as it goes."""
+    every = (table.schema.metadata or {}).items()
+    return {k.decode(errors="replace"): v.decode(errors="replace") for k, v in every if k != b"ARROW:schema"}
+
+
 def read_columns(path: Path, kinds: Mapping[str, str]) -> tuple[dict[str, Any], dict[str, str]]:
     """Columns of a Parquet file by name, and its notes. `kinds` of NumPy: "f" finite numbers, "n" numbers that may be
     NaN, "i" whole numbers, "O" lists of numbers. There may be more columns, but no nulls in these."""
     import pyarrow.parquet as pq
 
     table = pq.read_table(path, columns=None)
-    notes = {k.decode(): v.decode() for k, v in (table.schema.metadata or {}).items() if k != b"ARROW:schema"}
+    notes = notes_of(table)
     version = notes.get("format", str(FORMAT))
     if version not in [str(k) for k in range(1, FORMAT + 1)]:
         raise ValueError(f"format {version!r} is not known, only {FORMAT}")
