@@ -46,8 +46,9 @@ def read_table(path: Path, field: Field | None, size_px: tuple[int, int] | None)
         )  # fmt: skip
     named = list(dict.fromkeys(column["station"].tolist()))
     stations = notes["stations"].split("\n") if "stations" in notes else named
-    extra = {"stations": tuple(stations), "centre_of_disc": notes["centre_of_disc"] == "True"}
-    rows = _Rows(path, column, extra["centre_of_disc"], field, size_px)
+    discs = notes["centre_of_disc"] == "True"
+    extra = {"stations": tuple(stations), "centre_of_disc": discs}
+    rows = _Rows(path, column, discs, field, size_px)
     complaint = next(_stations(rows, stations), None) or next(_meaning(rows), None)
     if complaint:
         raise complaint
