@@ -101,7 +101,7 @@ def test_the_ellipse_model_beats_the_grey_centroid() -> None:
     assert rms["model"] < 0.8 * rms["grey"]
 
 
-@pytest.mark.parametrize("white_on_black", [True, False])
+@pytest.mark.parametrize("white_on_black", [pytest.param(True, marks=pytest.mark.slow), False])
 def test_a_mosaic_is_measured_like_a_grey_image_and_says_its_own_uncertainty(white_on_black: bool) -> None:
     from dataclasses import replace
 

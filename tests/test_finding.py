@@ -27,7 +27,9 @@ SCENES = Path(__file__).parents[1] / "scenes"
 SHEET = SensorSheet(2.6, 2.3, 64.0, 12)
 
 
-@pytest.mark.parametrize("index", [8, 9, 11, 33])
+@pytest.mark.parametrize(
+    "index", [8, 9, pytest.param(11, marks=pytest.mark.slow), pytest.param(33, marks=pytest.mark.slow)]
+)
 def test_targets_in_clutter_are_found_and_no_number_is_wrong(index: int) -> None:
     view, recall = cluttered_view(1, index), Recall()
     count(recall, view, look(view, take(view, index)))

@@ -24,7 +24,14 @@ real = pytest.mark.skipif(not REAL.is_dir(), reason="the real photographs (../sh
 
 
 @real
-@pytest.mark.parametrize("name", ["plate_0005", "plate_0007", "plate_0019"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "plate_0005",
+        pytest.param("plate_0007", marks=pytest.mark.slow),
+        pytest.param("plate_0019", marks=pytest.mark.slow),
+    ],
+)
 def test_ring_codes_of_a_real_plate_are_read(name: str) -> None:
     plate = REAL / "ring14_plate"
     listed = set(json.loads((plate / "ids.json").read_text())[f"{name}.png"])
@@ -36,7 +43,16 @@ def test_ring_codes_of_a_real_plate_are_read(name: str) -> None:
 
 
 @real
-@pytest.mark.parametrize("change", ["half the light", "saturated", "smaller", "JPEG", "inverted"])
+@pytest.mark.parametrize(
+    "change",
+    [
+        pytest.param("half the light", marks=pytest.mark.slow),
+        "saturated",
+        "smaller",
+        pytest.param("JPEG", marks=pytest.mark.slow),
+        "inverted",
+    ],
+)
 def test_a_real_plate_is_read_under_other_circumstances(change: str) -> None:
     plate = REAL / "ring14_plate"
     listed = set(json.loads((plate / "ids.json").read_text())["plate_0005.png"])
