@@ -18,7 +18,7 @@ from testfield.render.irradiance import Irradiance, compute_irradiance
 from testfield.render.path import render_path
 from testfield.render.stage import build_stage
 from testfield.render.variant import mitsuba
-from testfield.scene import bend
+from testfield.scene import bend, truth
 from testfield.scene.build import build_world
 from testfield.scene.load import load_scene, parse_scene
 from testfield.scene.schema import SceneFile
@@ -238,3 +238,18 @@ def test_a_bow_of_more_than_a_half_circle_is_refused() -> None:
     text = QUICK.read_text().replace("spin_deg = 2\n", "spin_deg = 2\nbow_mm = 200\n")
     with pytest.raises(TestfieldError, match=r"boards\[0\]"):
         parse_scene(text, "bent.toml")
+
+
+@pytest.mark.parametrize("scene", ["stitched_wall", "vdi2634"])
+def test_only_what_cannot_stand_before_a_mark_is_passed_over(scene: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    world = build_world(load_scene(Path(__file__).parents[1] / f"scenes/{scene}.toml"))
+    poses = world.camera_from_world[:3]
+    world = replace(world, camera_from_world=poses)
+    asked = see(world).visible
+    with monkeypatch.context() as everything:
+        everything.setattr(truth, "_towards", lambda ray, at, _: np.ones((len(at), len(ray)), bool))
+        assert np.array_equal(see(world).visible, asked)
+    # The lamps and boards do hide something here, and nothing must be lost of it.
+    with monkeypatch.context() as nothing:
+        nothing.setattr(truth, "_towards", lambda ray, at, _: np.zeros((len(at), len(ray)), bool))
+        assert not np.array_equal(see(world).visible, asked)

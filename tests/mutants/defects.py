@@ -49,6 +49,14 @@ TOLERANCE = "tests/test_uncertainty.py::test_the_tolerance_is_half_a_unit_of_the
 REGIONS = "tests/test_uncertainty.py::test_regions_of_gaussian_trials_are_the_closed_forms"
 TWO_CAMERAS = "tests/test_reconstruction.py::test_two_cameras_have_the_precision_of_the_closed_form"
 FREEDOM = "tests/test_bundle.py::test_degrees_of_freedom_count_every_observation_and_unknown"
+UNUSED = "tests/test_measure.py::test_what_was_certified_and_cannot_be_used_is_a_failure"
+EITHER_WAY = "tests/test_measure.py::test_a_grids_size_may_be_written_either_way_round"
+HALL = "tests/test_certificates.py::test_the_scale_of_a_hall_is_as_uncertain_as_its_bar"
+SCATTERED = "tests/test_certificates.py::test_places_that_scatter_are_taken_as_they_scatter"
+UNIT = "tests/test_certificates.py::test_a_bar_alone_in_another_unit_is_doubted_by_the_size_of_the_dots"
+LITERAL = "tests/test_pictures.py::test_a_name_is_drawn_as_it_is_written"
+HIDDEN = "tests/test_bent_boards.py::test_only_what_cannot_stand_before_a_mark_is_passed_over"
+LENGTHS_OF_RINGS = "tests/test_what_was_seen.py::test_rings_of_another_length_are_named_though_some_are_read_by_chance"
 SOURCES = "tests/test_run.py::test_every_file_a_stage_computes_with_is_in_its_key"
 
 SCORE = [
@@ -707,4 +715,28 @@ PHYSICS = [
         TWO_CAMERAS,
     ),
 ]
-DEFECTS = [*SCORE, *REPORT, *ACCEPTANCE, *CHAIN, *SEEDS, *STATISTICS, *BENCH, *PHYSICS]
+CERTIFICATES = [
+    Defect(
+        "a distance that cannot be used is forgotten",
+        "_not_used",
+        "scale_from not in ('control points', 'distances')",
+        "False",
+        UNUSED,
+    ),
+    Defect("a scale by diameters is exact", "by_scale", "scale_from != 'diameters'", "True", UNUSED),
+    Defect("checks are compared in an arbitrary scale", "_lengths", "scale_from == 'nothing'", "False", UNUSED),
+    Defect("a grid's columns as written", "_of_grid", "max(target.columns, target.rows)", "target.columns", EITHER_WAY),
+    Defect(
+        "distances hold the scale by their number",
+        "_similarity",
+        "network.distances.length_mm / np.maximum(network.distances.u_mm, EXACT_MM)",
+        "1e-3 / np.maximum(network.distances.u_mm, EXACT_MM)",
+        HALL,
+    ),
+    Defect("places that scatter stay as certain", "_scattered", "times**2 - 1", "0 * times", SCATTERED),
+    Defect("dots may be of any size", "doubtful_scale", "DOTS_MM[0] <= middle <= DOTS_MM[1]", "True", UNIT),
+    Defect("a ring read by chance says nothing", "of_rings", "len(ringed) <= read", "read > 0", LENGTHS_OF_RINGS),
+    Defect("what hides a mark is half as wide", "_towards", "1.001 * radius_mm", "0.5 * radius_mm", HIDDEN),
+    Defect("labels are formulas", "LiteralFigure._take_literally", "text.set_parse_math(False)", "text", LITERAL),
+]
+DEFECTS = [*CERTIFICATES, *SCORE, *REPORT, *ACCEPTANCE, *CHAIN, *SEEDS, *STATISTICS, *BENCH, *PHYSICS]
