@@ -69,7 +69,8 @@ def test_a_measurement_counts_and_sums_as_the_hand_does(measured: tuple[Path, di
     u_mm = (372 / 39) ** 0.5 * UM
     across = (2000.002**2 + 1299.994**2 + 6500.023**2) ** 0.5
     expected = ["2 of 2", "17; 321", "0.1230 px", "1.05", "1001.00 px", "12; 1", f"{u_mm:.4f} mm",
-                f"1 : {across / u_mm:,.0f}", "-0.0150 mm, FAILED (E_n -1.50)"]  # fmt: skip
+                f"1 : {across / u_mm:,.0f}", "-0.0150 mm (u 0.005 mm), FAILED: E_n -1.50",
+                "nothing failed"]  # fmt: skip
     assert [value for _, value in summary["figures"]] == expected
     assert (summary["points"], summary["uncoded"], summary["sigma0"]) == (13, 1, 1.05)
     assert summary["interior_u"] == pytest.approx({"cx": 0.1, "fx": 1.0, "fy": 1.0})

@@ -85,7 +85,8 @@ def in_datum(network: Network, ties: Ties, certified: Certified, images_of: dict
         elif by_diameter is not None:
             scale, scale_from = by_diameter, "diameters"
             notes.append(
-                "the scale is that of the dots' diameters, good to a few parts in a hundred: no distance is known"
+                "the scale is that of the dots' diameters, good to a few parts in a hundred: there is no control "
+                "distance"
             )
         else:
             scale = ARBITRARY_MM / float(pdist(network.point_mm[seen >= LEAST_RAYS]).max())

@@ -169,7 +169,8 @@ def free_network(
     if group.sum() < 2:
         raise TestfieldError(
             f"no two images have {LEAST_COMMON} coded targets in common", "observations",
-            "take images that overlap, with more codes in sight",
+            "take images that overlap, with more codes in sight; where most rings are not read, look at target.kind "
+            "and target.radii",
         )  # fmt: skip
     images_of = dict(zip(ties.code.tolist(), np.bincount(ties.point, minlength=len(ties.code)).tolist(), strict=True))
     ties = _of_images(ties, group)
@@ -196,7 +197,8 @@ def _not_used(certified: Certified, scale_from: str) -> tuple[str, ...]:
     if certified.known and scale_from != "control points":
         return ("the certified places cannot be used: the result is not in their frame",)
     if control and scale_from not in ("control points", "distances"):
-        return (f"no certified distance can be used ('{control[0].name}' and others): the scale is not theirs",)
+        names = ", ".join(f"'{bar.name}'" for bar in control)
+        return (f"the scale is not that of the certified distances: none of them can be used ({names})",)
     return ()
 
 

@@ -154,5 +154,5 @@ def check_held(names: Iterable[str], model: str, where: str = "measure.hold") ->
             like = get_close_matches(name, own, 1)
             raise TestfieldError(
                 f"the lens model '{model}' has no coefficient '{name}'", where,
-                f"did you mean {like[0]}?" if like else f"its are {', '.join(own)}",
+                f"did you mean {like[0]}?" if like else f"it has {', '.join(own)}",
             )  # fmt: skip

@@ -109,9 +109,10 @@ def _measure(args: argparse.Namespace) -> int:
     result = replace(result, calibration=replace(result.calibration, notes=(*trouble, *result.calibration.notes)))
     summary = write_measurement(result, field, out, tuple(str(p) for p in args.images))
     for title, value in summary["figures"]:
-        print(f"{title:<44}{value}", file=say)
+        print(f"{title:<48}{value}", file=say)
     for note in result.calibration.notes:
-        print(f"note: {note}", file=say)
+        if note not in summary["failures"]:
+            print(f"note: {note}", file=say)
     print(f"coordinates, covariance and report in {out}", file=say)
     if args.json:
         print(json.dumps(summary))

@@ -108,10 +108,12 @@ def _figures(result: Measurement) -> list[tuple[str, str]]:
     if worst:
         length = max(worst, key=lambda item: abs(item.en or 0))
         off, en = length.measured_mm - length.certified_mm, length.en or 0.0
-        verdict = "" if abs(en) <= 1 else f", FAILED (E_n {en:+.2f})"
-        rows.append(("check distance, measured minus certified", f"{off:+.4f} mm{verdict}"))
-    if c.failures:
-        rows.append(("verdict", f"NOT passed: {len(c.failures)} failure(s)"))
+        verdict = "passed" if abs(en) <= 1 else "FAILED"
+        both = float(np.hypot(length.u_measured_mm, length.u_certified_mm))
+        rows.append(
+            ("check distance, measured minus certified", f"{off:+.4f} mm (u {both:.2g} mm), {verdict}: E_n {en:+.2f}")
+        )
+    rows.append(("verdict", f"NOT passed: {len(c.failures)} failure(s)" if c.failures else "nothing failed"))
     return rows
 
 

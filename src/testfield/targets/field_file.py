@@ -1,6 +1,7 @@
 """What a person writes of a field that was photographed: its targets, and what is certified of it (TOML)."""
 
 import json
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, Literal
 
@@ -75,7 +76,9 @@ class DistancePart(_Part):
     def _named(cls, data: Any) -> Any:
         """A distance without a name is called after its codes."""
         if isinstance(data, dict) and "name" not in data and isinstance(data.get("codes"), list | tuple):
-            return data | {"name": f"bar {'-'.join(map(str, data['codes']))}"}
+            ends = data["codes"]
+            ends = sorted(ends) if all(isinstance(end, int) for end in ends) else ends
+            return data | {"name": f"bar {'-'.join(map(str, ends))}"}
         return data
 
     @model_validator(mode="after")
@@ -136,4 +139,19 @@ def load_field_file(path: Path) -> FieldFile:
             "missing": "this field is required",
             "value_error": first["msg"].removeprefix("Value error, "),
         }.get(first["type"], f"value {value}: {first['msg'].removeprefix('Value error, ')}")
-        raise TestfieldError(what + more, f"{path}, {place}", "see scenes/README.md, field files") from error
+        raise TestfieldError(what + more, f"{path}, {place}", _advice(first)) from error
+
+
+PARTS: dict[str, type[BaseModel]] = {
+    "target": TargetPart, "boards": BoardPart, "points": PlacePart, "distances": DistancePart, "grid": GridPart,
+}  # fmt: skip
+
+
+def _advice(error: Any) -> str:
+    """What to do about an error: the field that may be meant, where one is like it."""
+    *above, name = (key for key in error["loc"] if isinstance(key, str)) if error["loc"] else ("",)
+    part: type[BaseModel] = PARTS.get(above[-1], FieldFile) if above else FieldFile
+    like = get_close_matches(str(name), part.model_fields, 1)
+    if error["type"] == "extra_forbidden" and like:
+        return f"did you mean {like[0]}?"
+    return "see scenes/README.md, field files"
