@@ -10,6 +10,7 @@ import pytest
 from testfield.errors import TestfieldError
 from testfield.scene import mesh_files
 from testfield.scene.mesh_files import check_mesh_file
+from testfield.scene.meshes import _read
 
 
 @pytest.mark.parametrize("name", ["a.zip", "a.3mf", "a.stl", "a.glb", "a.obj", "a.step", "a"])
@@ -41,3 +42,14 @@ def test_sound_meshes_pass() -> None:
     for path in (Path(__file__).parents[1] / "scenes/meshes").iterdir():
         if path.suffix in mesh_files.FORMATS:
             check_mesh_file(path, "meshes[0].file")
+
+
+@pytest.mark.parametrize("corner", ["1 2", "1 2 3 4", ""])
+def test_a_mesh_whose_corners_have_not_three_coordinates_is_refused_or_read(corner: str, tmp_path: Path) -> None:
+    lines = [f"v {corner}", *(f"v {k} {k * k} {k**3}" for k in range(8)), "f 1 2 3", "f 2 3 9"]
+    for first in (lines, [f"v {corner}" if line[0] == "v" else line for line in lines]):
+        (tmp_path / "a.obj").write_text("\n".join(first))
+        try:
+            _read(tmp_path / "a.obj", "meshes[0].file")
+        except TestfieldError as error:
+            assert "a.obj" in error.sentence()

@@ -44,6 +44,10 @@ EDITS: list[tuple[str, Callable[[Path], Any], str, Change]] = [
     ("scorecard.json", load_scorecard, "a section less", lambda t: t.pop("lengths")),
     ("frames/station01.json", load_sheet, "no balance", lambda t: t.update(balance=[])),
     ("frames/station01.json", load_sheet, "no gain", lambda t: t.update(gain_e_per_dn=0)),
+    ("frames/station01.json", load_sheet, "a gain beyond all", lambda t: t.update(gain_e_per_dn=1e300)),
+    ("frames/station01.json", load_sheet, "a gain of nothing", lambda t: t.update(gain_e_per_dn=1e-300)),
+    ("frames/station01.json", load_sheet, "balance beyond all", lambda t: t.update(balance=[1e30])),
+    ("frames/station01.json", load_sheet, "noise beyond all", lambda t: t.update(read_noise_e=1e200)),
     ("frames/station01.json", load_sheet, "many bits", lambda t: t.update(bits=10**9)),
     ("frames/station01.json", load_sheet, "another key", lambda t: t.update(other=1)),
 ]

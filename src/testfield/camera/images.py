@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import Field
 
 from testfield.errors import TestfieldError, speaking
-from testfield.store.sheets import FORMAT, Positive, Sheet, Size, checked, read_json
+from testfield.store.sheets import FORMAT, Sheet, Size, checked, read_json
 from testfield.store.text import write_text
 
 
@@ -103,15 +103,18 @@ class Frame:
         return Frame(name, pixels, sheet)
 
 
+Factor = Annotated[float, Field(ge=1e-6, le=1e6)]
+
+
 class _SheetFile(Sheet):
     station: str
-    gain_e_per_dn: Positive
-    read_noise_e: Size
+    gain_e_per_dn: Factor
+    read_noise_e: Annotated[float, Field(ge=0, le=1e6)]
     black_level_dn: Size
     bits: Annotated[int, Field(ge=1, le=16)]
     full_well_e: Annotated[float, Field(gt=0)] = float("inf")
     bayer: Literal["RGGB", "BGGR", "GRBG", "GBRG"] | None = None
-    balance: tuple[Positive, ...] = (1.0,)
+    balance: tuple[Factor, ...] = (1.0,)
 
 
 @speaking("sensor sheet")

@@ -87,7 +87,9 @@ def _read(path: Path, where: str) -> tuple[np.ndarray, np.ndarray]:
         raise TestfieldError(
             f"value '{path}': not a readable mesh ({reason})", where, "give an STL, OBJ, PLY or GLB file"
         ) from error
-    if len(faces) and not (np.isfinite(vertices).all() and faces.min() >= 0 and faces.max() < len(vertices)):
+    triangles = vertices.shape[1:] == (3,) and faces.shape[1:] == (3,)
+    sound = triangles and np.isfinite(vertices).all() and faces.min(initial=0) >= 0
+    if len(faces) and not (sound and faces.max() < len(vertices)):
         raise TestfieldError(f"value '{path}': the mesh is damaged (its numbers make no triangles)", where, "mend it")
     # Formats differ in the order of vertices, in whether faces share them, and in the sign of a zero.
     vertices, number = np.unique(vertices.reshape(-1, 3) + 0.0, axis=0, return_inverse=True)
