@@ -24,6 +24,7 @@ from testfield.detect.detect import Targets
 from testfield.detect.observations import MEASURED
 from testfield.report.measured import write_measurement
 from testfield.report.study import as_html
+from testfield.score.align import aligned_covariance, rigid_basis
 from testfield.study.study import Table
 from testfield.targets.field_file import FieldFile
 from testfield.uncertainty.monte_carlo import MonteCarlo, adaptive, validate
@@ -242,3 +243,12 @@ def test_a_studys_table_shows_its_rows_as_formatted_and_nothing_for_nothing() ->
     frame = pd.DataFrame({"method": ["a", "b"], "gain": [1.23456, np.nan], "share": [0.5, 0.25]})
     page = Page(as_html(Table("title", frame, formats={"share": "{:.1%}"})))
     assert page.tables == [[["method", "gain", "share"], ["a", "1.235", "50.0%"], ["b", "–", "25.0%"]]]
+
+
+def test_a_motion_of_all_points_is_no_uncertainty_after_the_fit() -> None:
+    xyz = np.array([[0, 0, 0], [2000, 0, 0], [0, 1000, 0], [300, 400, 1500], [-700, 200, 100.0]])
+    own, motion = 4e-6 * np.eye(15), rigid_basis(xyz)
+    after = aligned_covariance(own + 9e-4 * motion @ motion.T, xyz)
+    # Of 15 coordinates six are fitted; the nine that are left have their own variance.
+    assert np.sort(np.linalg.eigvalsh(after)) == pytest.approx([0] * 6 + [4e-6] * 9, abs=1e-12)
+    assert after == pytest.approx(aligned_covariance(own, xyz), abs=1e-12)
