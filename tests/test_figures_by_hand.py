@@ -227,14 +227,14 @@ def test_recall_counts_what_is_found_missed_misread_and_false() -> None:
 
 
 def test_claims_are_summed_over_trials_as_the_hand_does() -> None:
-    """Two parts of two coordinates; u = 1 and 2: (1, 2) and (3, 0), then (0, 0) and (0, 2)."""
+    """Two parts of two coordinates; u = 1 and 2: (2, 1) and (3, 0), then (0, 0) and (0, 2)."""
     cov = np.diag([1.0, 4, 1, 4])
-    trials = [Errors(np.array(e), cov, 2) for e in ([1.0, 2, 3, 0], [0, 0, 0, 2.0])]
+    trials = [Errors(np.array(e), cov, 2) for e in ([2.0, 1, 3, 0], [0, 0, 0, 2.0])]
     found = _summary(trials)
-    assert found["nees_each"] == pytest.approx([(1 + 1 + 9 + 0) / 4, 1 / 4])
-    assert found["nees"] == pytest.approx(12 / 8)
+    assert found["nees_each"] == pytest.approx([(4 + 0.25 + 9 + 0) / 4, 1 / 4])
+    assert found["nees"] == pytest.approx(14.25 / 8)
     assert (found["degrees_of_freedom"], found["regions"]) == (4, 4)
-    assert found["coverage_95"] == 3 / 4  # 9 is more than 5.991
+    assert found["coverage_95"] == 3 / 4  # 9 is more than 5.991, and 4.25, beyond 3.841 of one coordinate, is not
     assert found["nees_band_95"] == pytest.approx([2.180 / 8, 17.535 / 8], rel=1e-3)  # chi-squared of 8, from a table
 
 
