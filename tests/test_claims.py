@@ -33,7 +33,7 @@ def draw(seed: int) -> tuple[World, Observations]:
     return world, replace(exact, xy_px=exact.xy_px + noise, cov_px2=covariance)
 
 
-@pytest.mark.parametrize("draws", [5, pytest.param(40, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("draws", [8, pytest.param(40, marks=pytest.mark.slow)])
 def test_claims_are_true_over_many_draws(draws: int) -> None:
     figures: dict[str, list[float]] = {
         name: [] for name in ("camera", "boards", "gls", "fitted", "midpoint", "check", "control")

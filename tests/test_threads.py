@@ -23,10 +23,10 @@ for name in ("calibration.json", "points.parquet"):
 """
 
 
-def test_calibration_and_points_are_the_same_bytes_with_1_and_16_threads(tmp_path: Path) -> None:
+def test_calibration_and_points_are_the_same_bytes_with_1_2_and_16_threads(tmp_path: Path) -> None:
     scene = Path(__file__).parents[1] / "scenes/quick.toml"
     said = set()
-    for threads in ("1", "16"):
+    for threads in ("1", "2", "16"):
         environment = {**os.environ, "OPENBLAS_NUM_THREADS": threads, "OMP_NUM_THREADS": threads}
         command = [sys.executable, "-c", CODE, str(tmp_path / threads), threads, str(scene)]
         said.add(subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout)

@@ -1,6 +1,7 @@
 """What a person writes of a field that was photographed: its targets, and what is certified of it (TOML)."""
 
 import json
+from collections import Counter
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, Literal
@@ -55,9 +56,7 @@ class BoardPart(_Part):
 
     @model_validator(mode="after")
     def _once(self) -> "BoardPart":
-        codes = [p.code for p in self.points]
-        twice = sorted({c for c in codes if codes.count(c) > 1})
-        if twice:
+        if twice := _twice([place.code for place in self.points]):
             raise ValueError(f"code {twice[0]} is listed twice")
         return self
 
@@ -96,6 +95,11 @@ class GridPart(_Part):
     u_flat_mm: float = Field(0.0, ge=0, description="Standard uncertainty of each dot's height.")
 
 
+def _twice(values: list[Any]) -> list[Any]:
+    """What occurs more than once, in order."""
+    return sorted(value for value, count in Counter(values).items() if count > 1)
+
+
 class FieldFile(_Part):
     """A field file."""
 
@@ -107,9 +111,7 @@ class FieldFile(_Part):
 
     @model_validator(mode="after")
     def _whole(self) -> "FieldFile":
-        called = [d.name for d in self.distances]
-        twice = sorted({name for name in called if called.count(name) > 1})
-        if twice:
+        if twice := _twice([distance.name for distance in self.distances]):
             raise ValueError(f"two distances are called '{twice[0]}': give each a name of its own")
         circles = self.target.kind.strip().startswith("circles")
         if circles and self.grid is None:
