@@ -5,6 +5,7 @@ The images settle among themselves first, so a wrong certificate costs no observ
 predicted, with the covariance of both; unknown is only where the network lies and how large it is.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -281,7 +282,7 @@ def _judged(
     places = {} if PLACES in gone else {c: v for c, v in known.items() if c not in gone[PLACE]}
     if len(places) < 3 or on_a_line(np.array([v[0] for v in places.values()])):
         places = {}
-    left = [bar for k, bar in enumerate(bars) if k not in gone[DISTANCE]]
+    left = {k: bar for k, bar in enumerate(bars) if k not in gone[DISTANCE]}
     scale_from = "control points" if places else "distances" if left else "nothing"
     widest = 0.0
     for k, blunder in dropped.items():
@@ -295,7 +296,9 @@ def _judged(
             continue
         names = ", ".join(_called(rival, bars) for rival in rivals)
         part = _part(item, blunder, bars)
-        sentence = f"{said}, and nothing decides between it and {names}: the scale is from {_from(scale_from, left)}"
+        sentence = (
+            f"{said}, and nothing decides between it and {names}: the scale is from {_from(scale_from, left.values())}"
+        )
         if item.kind == DISTANCE and any(r.kind == DISTANCE for r in rivals) and part < OTHER_UNIT - 1:
             widest = max(widest, part / np.sqrt(2))
             sentence += f", with an uncertainty of {100 * widest:.2g} % that covers the other"
@@ -319,16 +322,17 @@ def _judged(
         )
         failures += [notes[-1]] if scatter > CONTRADICT else []
     more = _scattered(off, snooped.scatter) if scatter > SCATTERED else {}
-    u = [float(np.hypot(bar.u_length_mm, widest * bar.length_mm)) for bar in left]
-    left = [
-        replace(bar, u_length_mm=float(np.hypot(v, more.get((DISTANCE, bars.index(bar)), 0.0))))
-        for bar, v in zip(left, u, strict=True)
-    ]
+    held = tuple(
+        replace(bar, u_length_mm=float(np.linalg.norm([
+            bar.u_length_mm, widest * bar.length_mm, more.get((DISTANCE, k), 0.0)
+        ])))
+        for k, bar in left.items()
+    )  # fmt: skip
     places = {c: (xyz, np.hypot(u, more.get((PLACE, c), 0.0))) for c, (xyz, u) in places.items()}
     found = [off.items[k].columns for k in dropped]
     scale = 1.0 if places else _scale(off, found)
     records = [_record(off.items[k], snooped.sigmas[k], dropped.get(k), off, bars) for k in range(len(off.items))]
-    return Tested(tuple(left), places, scale, scale_from, tuple(r for r in records if r), tuple(notes), tuple(failures))
+    return Tested(held, places, scale, scale_from, tuple(r for r in records if r), tuple(notes), tuple(failures))
 
 
 def _scattered(off: _Misclosure, scatter: np.ndarray) -> dict[tuple[str, int], float]:
@@ -366,7 +370,7 @@ def _part(item: _Item, blunder: Blunder, bars: list[ScaleBar]) -> float:
     return amount / bars[item.key].length_mm if item.kind == DISTANCE else amount
 
 
-def _from(scale_from: str, left: list[ScaleBar]) -> str:
+def _from(scale_from: str, left: Iterable[ScaleBar]) -> str:
     names = ", ".join(f"'{bar.name}'" for bar in left)
     return {"control points": "the certified places", "distances": names}.get(scale_from, "none of them")
 
