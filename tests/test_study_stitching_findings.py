@@ -305,7 +305,7 @@ def test_what_is_not_done_yet_is_left_out_and_the_rest_is_told(left: Any) -> Non
     findings = read(rows)
     assert findings.verdict and not re.search(r"\b(nan|inf|None)\b", _words(findings))
     whole = _usual()
-    assert 0 < len(findings.sentences) < len(whole.sentences) or len(rows) == 22
+    assert 0 < len(findings.sentences) < len(whole.sentences)
     for plot in findings.plots if len(findings.plots) < 3 else ():
         assert b"<svg" in drawn(plot)
     for table in findings.tables:
@@ -315,5 +315,5 @@ def test_what_is_not_done_yet_is_left_out_and_the_rest_is_told(left: Any) -> Non
 def test_one_kind_of_case_alone_gives_no_verdict_on_the_claim() -> None:
     rows = _table()
     one = read(rows[(rows["experiment"] == "count") & (rows["target"] == "planned") & (rows["boards"] == 1)])
-    assert "Not decided" in one.verdict or "Does not hold" in one.verdict
+    assert one.verdict.startswith("Does not hold")
     assert read(rows[rows["experiment"] == "coverage"]).verdict.startswith("Not decided")
