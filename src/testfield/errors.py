@@ -1,6 +1,7 @@
 """Errors that speak to a person: what is wrong, where, and what to do."""
 
-from collections.abc import Callable
+import difflib
+from collections.abc import Callable, Iterable
 from functools import wraps
 from pathlib import Path
 from typing import TypeVar
@@ -38,6 +39,13 @@ class TestfieldError(Exception):
         head = f"{self.where}: " if self.where else ""
         tail = f"; {self.do}" if self.do else ""
         return f"{head}{self.what}{tail}"
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """What to do about a name that nobody knows: the nearest one that is known, or all of them."""
+    known = sorted(known)
+    near = difflib.get_close_matches(name, known, n=1)
+    return f"did you mean '{near[0]}'?" if near else f"known here: {', '.join(known)}"
 
 
 def speaking(what: str) -> Callable[[Callable[[Path], T]], Callable[[Path], T]]:

@@ -26,21 +26,20 @@ from testfield.calibrate.calibration import Calibration
 from testfield.camera.circle import disc_image
 from testfield.camera.pose import rotation_vector
 from testfield.camera.project import project
+from testfield.chain.recipe import recipe_of
 from testfield.chain.run import Run, with_seed
 from testfield.chain.trials import Trials, reexposed
 from testfield.detect.observations import Observations
+from testfield.measure.pipeline import measure
 from testfield.reconstruct.points import Points
-from testfield.registry import find
 from testfield.scene.build import build_world
 from testfield.scene.load import parse_scene
-from testfield.scene.schema import SceneFile
 from testfield.scene.truth import see
 from testfield.scene.world import World
 from testfield.score.camera import true_in_datum
 from testfield.score.points import score_points
 from testfield.seeds import seed_of
 from testfield.store.digests import digest
-from testfield.targets.field import Field
 from testfield.uncertainty.consistency import nees_band
 
 GROUPS = ("camera", "boards", "check_points")
@@ -86,7 +85,8 @@ def over_worlds(text: str, source: Path, worlds: int, tell: Callable[[str], None
         scene = parse_scene(with_seed(text, seed_of(first, f"claims/{k}") >> 33), str(source), source.parent)
         world = build_world(scene)
         observations = draw_observations(scene, world, see(world), seed_of(scene.seed, "claims/pixels"))
-        calibration, points = _measured(observations, world.field, scene)
+        measured = measure(observations, world.field, recipe_of(scene))
+        calibration, points = measured.calibration, measured.points
         found.append(errors_of(world, calibration, points))
         score = score_points(world, calibration, points)
         accuracy.append([np.sqrt((score.error_mm**2).mean()), np.sqrt((score.u_mm**2).mean())])
@@ -111,7 +111,8 @@ def over_exposures(run: Run, exposures: int, tell: Callable[[str], None]) -> dic
         run.ledger.make(name, digest(trials.key, k), partial(_again, run, k))
         world = build_world(run.scene, workshop=seed_of(run.scene.seed, f"claims/{k}/workshop"))
         observations = _moved(Observations.load(run.folder / name), run.world, _true_px(world) - rendered)
-        found.append(errors_of(world, *_measured(observations, world.field, run.scene)))
+        again = measure(observations, world.field, recipe_of(run.scene))
+        found.append(errors_of(world, again.calibration, again.points))
         tell(f"exposure {k + 1} of {exposures}")
     return {"exposures": exposures} | {
         group: _summary([errors[group] for errors in found]) for group in GROUPS
@@ -147,14 +148,6 @@ def _moved(observations: Observations, world: World, shift_px: np.ndarray) -> Ob
 def _names(board: np.ndarray, point: np.ndarray, code: np.ndarray) -> list[tuple[int, int]]:
     """A mark's name: its board and its place there, or -1 and its code."""
     return list(zip(board.tolist(), np.where(board >= 0, point, code).tolist(), strict=True))
-
-
-def _measured(observations: Observations, field: Field, scene: SceneFile) -> tuple[Calibration, Points]:
-    measure, camera = scene.measure, scene.camera
-    calibration = find("calibrators", measure.calibrator)(
-        observations, field, camera.width_px, camera.height_px, measure.lens or camera.lens, measure.hold
-    )
-    return calibration, find("reconstructors", measure.reconstructor)(observations, calibration, field)
 
 
 def _summary(trials: list[Errors]) -> dict[str, Any]:

@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 
 from testfield.bench.drawn import draw_observations
+from testfield.chain.recipe import recipe_of
 from testfield.chain.run import Run, begin
 from testfield.chain.stages import run_stage
-from testfield.registry import find
+from testfield.measure.pipeline import measure
 from testfield.scene.build import build_world
 from testfield.scene.load import parse_scene
 from testfield.scene.truth import see
@@ -82,14 +83,10 @@ def _drawn(table: dict[str, Any], name: str) -> dict[str, Any]:
     scene = parse_scene(tomli_w.dumps(table), table["name"], Path())
     world = build_world(scene)
     observations = draw_observations(scene, world, see(world), seed_of(scene.seed, f"residual_field/noise/{name}"))
-    measure, camera = scene.measure, scene.camera
-    calibration = find("calibrators", measure.calibrator)(
-        observations, world.field, camera.width_px, camera.height_px, measure.lens or camera.lens, measure.hold
-    )
-    points = find("reconstructors", measure.reconstructor)(observations, calibration, world.field)
+    measured = measure(observations, world.field, recipe_of(scene))
     return {
-        "calibration": score_camera(world, calibration),
-        "points": score_points(world, calibration, points).card(),
+        "calibration": score_camera(world, measured.calibration),
+        "points": score_points(world, measured.calibration, measured.points).card(),
     }
 
 

@@ -6,9 +6,10 @@ those of every change that a scene's schema allows. Other stages' files enter by
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from testfield.chain.code import code_digest
+from testfield.chain.recipe import recipe_of
 from testfield.registry import module_of
 from testfield.scene.exposure import sensor_of
 from testfield.scene.schema import SceneFile
@@ -61,27 +62,29 @@ def detect_key(scene: SceneFile, field: Field, frames: list[str]) -> str:
     """Key of `observations.parquet`, from frames and their sheets of these bytes."""
     from testfield.detect.detect import ROUGH
 
-    measure = scene.measure
-    modules = {module_of("centroids", name) for name in (measure.centroid, ROUGH)}
+    recipe = recipe_of(scene)
+    modules = {module_of("centroids", name) for name in (recipe.centroid.name, ROUGH)}
     code = code_digest("testfield.detect.detect", *sorted(modules))
-    return digest(code, frames, field, (measure.centroid, measure.smallest_diameter_px))
+    return digest(code, frames, without_cameras(field), recipe.centroid, recipe.smallest_diameter_px)
+
+
+def without_cameras(field: Field) -> Field:
+    """What detection and reconstruction use of a field sheet: which camera it was, only the calibration asks."""
+    return replace(field, cameras=(), rigs=())
 
 
 def calibrate_key(scene: SceneFile, field: Field, observations: str) -> str:
     """Key of `calibration.json`, from observations of these bytes."""
-    camera, measure = scene.camera, scene.measure
-    lens = measure.lens or camera.lens
-    options = {"board": measure.board} if measure.board else {}
-    code = code_digest(module_of("calibrators", measure.calibrator))
-    return digest(
-        code, observations, field, measure.calibrator, camera.width_px, camera.height_px, lens, measure.hold, options
-    )
+    recipe = recipe_of(scene)
+    code = code_digest(module_of("calibrators", recipe.calibrator.name))
+    return digest(code, observations, field, recipe.calibrator)
 
 
 def reconstruct_key(scene: SceneFile, field: Field, observations: str, calibration: str) -> str:
     """Key of `points.parquet`, from observations and a calibration of these bytes."""
-    method = scene.measure.reconstructor
-    return digest(code_digest(module_of("reconstructors", method)), observations, calibration, field, method)
+    method = recipe_of(scene).reconstructor
+    code = code_digest(module_of("reconstructors", method.name))
+    return digest(code, observations, calibration, without_cameras(field), method)
 
 
 def score_key(scene: SceneFile, world: World, measured: list[str], times: Mapping[str, float]) -> str:

@@ -14,6 +14,7 @@ import tomli_w
 from testfield import __version__
 from testfield.camera.interior import check_held
 from testfield.chain.code import PACKAGES, code_digest, package_version
+from testfield.chain.recipe import recipe_of
 from testfield.errors import TestfieldError
 from testfield.registry import STAGES, find, names
 from testfield.scene import meshes, sky
@@ -145,6 +146,7 @@ def check_algorithms(scene: SceneFile, source: str) -> None:
             )
     check_held(scene.measure.hold, scene.measure.lens or scene.camera.lens, f"{source}, measure.hold")
     _check_board(scene, source)
+    recipe_of(scene).check(f"{source}, measure")
 
 
 def _check_board(scene: SceneFile, source: str) -> None:

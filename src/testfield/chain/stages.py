@@ -17,6 +17,7 @@ from testfield.chain.keys import (
     score_key,
 )
 from testfield.chain.progress import bar
+from testfield.chain.recipe import recipe_of
 from testfield.chain.run import Run
 from testfield.errors import TestfieldError
 from testfield.seeds import seed_of
@@ -146,17 +147,16 @@ def detect(run: Run) -> Made:
     """Observations of all frames together."""
     from testfield.detect.observations import Observations
 
-    measure, camera = run.scene.measure, run.scene.camera
+    recipe, camera = recipe_of(run.scene), run.scene.camera
     sources = [run.need(f"frames/{name}.png", "expose") for name in run.stations]
     sheets = [run.need(f"frames/{name}.json", "expose") for name in run.stations]
-    settings = (measure.centroid, measure.smallest_diameter_px)
     key = detect_key(run.scene, run.field, [file_digest(path) for path in sources + sheets])
     world = world_of(run, [f"frames/{name}.png" for name in run.stations])
     if run.ledger.fresh("observations.parquet", key):
         run.ledger.shows("observations.parquet", world)
         return 0, 1
     size = (camera.width_px, camera.height_px)
-    work = [(source, name, run.field, *settings, size) for source, name in zip(sources, run.stations, strict=True)]
+    work = [(source, name, run.field, recipe, size) for source, name in zip(sources, run.stations, strict=True)]
     parts = list(_each(run, "detect", _detect_one, work, "frames"))
     observations = Observations.join(parts, run.stations)
     return int(run.ledger.make("observations.parquet", key, observations.save, world=world)), 1
@@ -164,33 +164,29 @@ def detect(run: Run) -> Made:
 
 def _detect_one(work: tuple) -> Any:
     from testfield.camera.images import Frame
-    from testfield.detect.detect import detect as detect_frame
+    from testfield.measure.pipeline import detect
 
-    source, name, field, centroid, smallest, (width, height) = work
+    source, name, field, recipe, (width, height) = work
     frame = Frame.load(source, name)
     if frame.pixels_dn.shape != (height, width):
         found = f"{frame.pixels_dn.shape[1]} x {frame.pixels_dn.shape[0]}"
         raise TestfieldError(
             f"the image is {found} px and the camera {width} x {height}", str(source), "all frames are of one camera"
         )
-    return detect_frame(frame, field, centroid, smallest)
+    return detect(frame, field, recipe)
 
 
 def calibrate(run: Run) -> Made:
     """Camera, stations and boards."""
     from testfield.detect.observations import Observations
-    from testfield.registry import find
+    from testfield.measure.pipeline import calibrate
 
     source = run.need("observations.parquet", "detect")
-    camera, method = run.scene.camera, run.scene.measure.calibrator
-    lens, hold = run.scene.measure.lens or camera.lens, run.scene.measure.hold
-    options = {"board": run.scene.measure.board} if run.scene.measure.board else {}
     key = calibrate_key(run.scene, run.field, file_digest(source))
 
     def write(path: Path) -> None:
-        size = (camera.width_px, camera.height_px)
-        observations = Observations.load(source, run.field, size)
-        find("calibrators", method)(observations, run.field, *size, lens, hold, **options).save(path)
+        size = (run.scene.camera.width_px, run.scene.camera.height_px)
+        calibrate(Observations.load(source, run.field, size), run.field, recipe_of(run.scene)).save(path)
 
     world = world_of(run, ["observations.parquet"])
     return int(run.ledger.make("calibration.json", key, write, [source], world)), 1
@@ -200,16 +196,16 @@ def reconstruct(run: Run) -> Made:
     """Scale-bar ends and check targets."""
     from testfield.calibrate.calibration import Calibration
     from testfield.detect.observations import Observations
-    from testfield.registry import find
+    from testfield.measure.pipeline import reconstruct
 
     observations, calibration = run.need("observations.parquet", "detect"), run.need("calibration.json", "calibrate")
-    method = run.scene.measure.reconstructor
     key = reconstruct_key(run.scene, run.field, file_digest(observations), file_digest(calibration))
 
     def write(path: Path) -> None:
         camera = Calibration.load(calibration)
         size = (camera.interior.width_px, camera.interior.height_px)
-        find("reconstructors", method)(Observations.load(observations, run.field, size), camera, run.field).save(path)
+        seen = Observations.load(observations, run.field, size)
+        reconstruct(seen, camera, run.field, recipe_of(run.scene)).save(path)
 
     world = world_of(run, ["observations.parquet", "calibration.json"])
     return int(run.ledger.make("points.parquet", key, write, [observations, calibration], world)), 1

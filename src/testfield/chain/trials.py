@@ -14,11 +14,13 @@ import numpy as np
 
 from testfield.calibrate.calibration import Calibration
 from testfield.chain.code import code_digest
+from testfield.chain.recipe import recipe_of
 from testfield.chain.run import Run
 from testfield.detect.observations import Observations
 from testfield.errors import TestfieldError
+from testfield.measure.pipeline import measure
 from testfield.reconstruct.points import Points
-from testfield.registry import find, module_of
+from testfield.registry import module_of
 from testfield.seeds import seed_of
 from testfield.store.digests import digest, file_digest
 from testfield.store.threads import one_blas_thread
@@ -53,14 +55,14 @@ class Trials:
     @cached_property
     def key(self) -> str:
         """Digest of everything the trials depend on but their number."""
-        run, measure = self.run, self.run.scene.measure
+        run, asked = self.run, self.run.scene.measure
         inputs = [run.need(name, maker) for name, maker in _INPUTS]
-        modules = {"testfield.chain.trials", module_of("reconstructors", measure.reconstructor)}
+        modules = {"testfield.chain.trials", module_of("reconstructors", asked.reconstructor)}
         names: list[str] = []
         if self.depth == "rays":
             modules |= {"testfield.uncertainty.rays"}
         else:
-            modules |= {"testfield.uncertainty.certificates", module_of("calibrators", measure.calibrator)}
+            modules |= {"testfield.uncertainty.certificates", module_of("calibrators", asked.calibrator)}
         if self.depth == "exposure":
             modules |= {"testfield.sensor.expose", "testfield.detect.detect"}
             inputs += [run.need(f"radiance/{name}.exr", "render") for name in run.stations]
@@ -68,7 +70,7 @@ class Trials:
             names = [repr(sensor), repr(run.scene.camera.model_dump())]
         return digest(
             code_digest(*sorted(modules)), [file_digest(path) for path in inputs], run.field, run.scene.seed,
-            measure.model_dump(), names,
+            asked.model_dump(), names,
         )  # fmt: skip
 
     def block(self, number: int) -> np.ndarray:
@@ -112,17 +114,14 @@ class Trials:
     def _again(self, number: int) -> Points:
         from testfield.uncertainty.certificates import draw_certificates, draw_pixels
 
-        run, measure, camera = self.run, self.run.scene.measure, self.run.scene.camera
+        run = self.run
         seed = seed_of(run.scene.seed, f"uncertainty/{self.depth}/{number}")
         if self.depth == "calibration":
             observations = draw_pixels(self.observations, run.field, seed)
         else:
             observations = reexposed(run, seed_of(run.scene.seed, f"uncertainty/exposure/{number}/noise"))
         observations, field = draw_certificates(observations, self.calibration, run.field, seed)
-        calibration = find("calibrators", measure.calibrator)(
-            observations, field, camera.width_px, camera.height_px, measure.lens or camera.lens, measure.hold
-        )
-        return find("reconstructors", measure.reconstructor)(observations, calibration, field)
+        return measure(observations, field, recipe_of(run.scene)).points
 
 
 def reexposed(run: Run, seed: int) -> Observations:
@@ -131,7 +130,7 @@ def reexposed(run: Run, seed: int) -> Observations:
     The sensor's fixed patterns are the run's own: it is the same camera.
     """
     from testfield.camera.images import Radiance
-    from testfield.detect.detect import detect
+    from testfield.measure.pipeline import detect
     from testfield.scene.exposure import sensor_of
     from testfield.sensor.expose import expose
 
@@ -141,7 +140,7 @@ def reexposed(run: Run, seed: int) -> Observations:
     for name in run.stations:
         radiance = Radiance.load(run.need(f"radiance/{name}.exr", "render"))
         frame = expose(radiance, sensor, scene.seed, noise_seed=seed)
-        parts.append(detect(frame, run.field, scene.measure.centroid, scene.measure.smallest_diameter_px))
+        parts.append(detect(frame, run.field, recipe_of(scene)))
     return Observations.join(parts, run.stations)
 
 

@@ -1,6 +1,9 @@
 """One frame to its observations: find, centre, decode, identify."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
 
 import cv2
 import numpy as np
@@ -27,6 +30,7 @@ from testfield.targets.marks import RingRadii
 from testfield.targets.ring_code import repeats, word_of_number
 
 LARGEST_PX = 210.0
+NO_OPTIONS: Mapping[str, Any] = MappingProxyType({})
 ROUGH = "grey_centroid"
 """The estimator that looks at every blob before the one that was asked for."""
 WITH_RINGS = "forward_model"
@@ -52,17 +56,19 @@ LEAST_CONTRAST = 5.0
 """Contrast over noise below which nothing is measured."""
 
 
-def detect(frame: Frame, field: Field, centroid: str, smallest_px: float) -> Observations:
+def detect(
+    frame: Frame, field: Field, centroid: str, smallest_px: float, options: Mapping[str, Any] = NO_OPTIONS
+) -> Observations:
     """Observations of one frame.
 
     `field` tells which code the rings carry, their polarity and what the boards look like; `centroid` names the
-    estimator; dots of less than `smallest_px` are not looked for.
+    estimator, which is given `options`; dots of less than `smallest_px` are not looked for.
     """
     squares, printed = detect_squares(frame, field)
     if not field.loose and all(board.has_corners for board in field.boards):
         return squares
     image, sheet = bright_marks(frame, field.white_on_black)
-    targets = measure_targets(image, sheet, centroid, smallest_px, field.bits, field.radii)
+    targets = measure_targets(image, sheet, centroid, smallest_px, field.bits, field.radii, options=options)
     good = targets.status == MEASURED
     n = len(targets.status)
     board, point = np.full(n, -1), np.full(n, -1)
@@ -124,6 +130,7 @@ def measure_targets(
     radii: RingRadii,
     largest_px: float = LARGEST_PX,
     by_contour: bool = False,
+    options: Mapping[str, Any] = NO_OPTIONS,
 ) -> Targets:
     """Find, centre and decode in an image (h, w) float32 of bright marks; `bits` None: plain dots, rings are not read.
 
@@ -147,7 +154,7 @@ def measure_targets(
         rows = np.flatnonzero(rough_ok)[elliptic]
         centres = Centres(**{name: values[rows] for name, values in vars(rough).items()})
     else:
-        centres = find("centroids", centroid)(image, sheet, xy, moments)
+        centres = find("centroids", centroid)(image, sheet, xy, moments, **options)
     n = len(xy)
     status = np.full(n, MEASURED, dtype=object)
     status[~centres.ok] = "no ellipse fits"

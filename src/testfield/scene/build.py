@@ -47,6 +47,7 @@ from testfield.scene.world import (
     World,
 )
 from testfield.seeds import Plane, generator, normals
+from testfield.targets.camera_sheet import DEFAULT_CAMERA, CameraSheet
 from testfield.targets.field import CertifiedPose, Field, NominalBoard, ScaleBar
 from testfield.targets.marks import RADII, Marks, RingRadii
 
@@ -273,6 +274,7 @@ def build_world(scene: SceneFile, workshop: int | None = None) -> World:
         1e-6 * scene.u_print_scale_ppm,
         scene.code_radii,
         measuring_lines=tuple(lines),
+        cameras=(CameraSheet(DEFAULT_CAMERA, scene.camera.width_px, scene.camera.height_px, scene.camera.lens),),
     )
     return World(
         scene.name, seed, float(np.linalg.norm(scene.volume.size_mm)), _panels(parts, carried), _marks(parts, radii),

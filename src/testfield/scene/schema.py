@@ -819,6 +819,9 @@ class MeasurePart(_Part):
     )
     reconstructor: str = Field("gls", description="Reconstruction method.")
     smallest_diameter_px: float = Field(5.0, ge=3, le=1000, description="Smaller dots are not looked for.")
+    centroid_options: dict[str, Any] = Field({}, description="Options of the centroid estimator, by name.")
+    calibrator_options: dict[str, Any] = Field({}, description="Options of the calibrator, by name.")
+    reconstructor_options: dict[str, Any] = Field({}, description="Options of the reconstructor, by name.")
 
 
 class CertifiedPosesPart(_Part):

@@ -12,6 +12,7 @@ from testfield.errors import speaking
 from testfield.store.sheets import FORMAT, LARGEST_MM, Count, Sheet, checked, read_json, unique
 from testfield.store.text import write_text
 from testfield.targets.board_pattern import CIRCLES, SQUARES, BoardPattern, dictionary
+from testfield.targets.camera_sheet import CameraSheet, CameraTable, RigSheet, RigTable, cameras_of, tables_of
 from testfield.targets.marks import RADII, USUAL, Marks, RingRadii
 
 
@@ -89,7 +90,8 @@ class Field:
 
     `u_scale` is the relative standard uncertainty of the scale all boards share (printing, temperature);
     `code_radii` names the rings' shape (a key of `RADII`);
-    `loose` maps the code of each coded target that belongs to no board to its dot diameter in mm.
+    `loose` maps the code of each coded target that belongs to no board to its dot diameter in mm; `cameras` and the
+    `rigs` that hold some of them are those that took the images.
     """
 
     bits: int
@@ -101,6 +103,8 @@ class Field:
     code_radii: str = USUAL
     wands: tuple[Wand, ...] = ()
     measuring_lines: tuple[MeasuringLine, ...] = ()
+    cameras: tuple[CameraSheet, ...] = ()
+    rigs: tuple[RigSheet, ...] = ()
 
     @property
     def radii(self) -> RingRadii:
@@ -135,6 +139,7 @@ class Field:
             "loose_diameter_mm": {str(code): d for code, d in self.loose.items()},
             **({"wands": [asdict(wand) for wand in self.wands]} if self.wands else {}),
             **({"measuring_lines": [asdict(line) for line in self.measuring_lines]} if self.measuring_lines else {}),
+            **tables_of(self.cameras, self.rigs),
         }
         write_text(path, json.dumps(sheet, indent=1))
 
@@ -151,10 +156,20 @@ class Field:
             raise ValueError(f"code_radii '{sheet.code_radii}' is none of {', '.join(RADII)}")
         for what, named in (("board", boards), ("bar", bars), ("wand", wands), ("measuring line", lines)):
             unique([one.name for one in named], what)
+        cameras, rigs = cameras_of(sheet.cameras, sheet.rigs)
         return Field(
-            sheet.bits, boards, bars, dict(sheet.loose_diameter_mm), sheet.white_on_black, sheet.u_scale,
-            sheet.code_radii, wands, lines,
-        )  # fmt: skip
+            bits=sheet.bits,
+            boards=boards,
+            scale_bars=bars,
+            loose=dict(sheet.loose_diameter_mm),
+            white_on_black=sheet.white_on_black,
+            u_scale=sheet.u_scale,
+            code_radii=sheet.code_radii,
+            wands=wands,
+            measuring_lines=lines,
+            cameras=cameras,
+            rigs=rigs,
+        )
 
 
 Millimetres = Annotated[float, pydantic.Field(ge=-LARGEST_MM, le=LARGEST_MM)]
@@ -232,6 +247,8 @@ class _Sheet(Sheet):
     loose_diameter_mm: dict[Count, Length]
     wands: tuple[_WandSheet, ...] = ()
     measuring_lines: tuple[_LineSheet, ...] = ()
+    cameras: tuple[CameraTable, ...] = ()
+    rigs: tuple[RigTable, ...] = ()
 
 
 def _board(b: _BoardSheet, bits: int) -> NominalBoard:

@@ -1,0 +1,1 @@
+"""The measuring pipeline and the recipes that say how it measures."""

@@ -1,0 +1,80 @@
+"""The one way from frames to results: detect, calibrate, reconstruct. Everybody who measures calls it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from inspect import signature
+from typing import Any
+
+from testfield.calibrate.calibration import Calibration
+from testfield.camera.images import Frame
+from testfield.detect.detect import detect as detect_frame
+from testfield.detect.observations import Observations
+from testfield.errors import TestfieldError
+from testfield.measure.recipe import Recipe
+from testfield.reconstruct.points import Points
+from testfield.registry import find
+from testfield.targets.camera_sheet import CameraSheet
+from testfield.targets.field import Field
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What frames gave: observations, the calibration, points of targets that belong to no board."""
+
+    observations: Observations
+    calibration: Calibration
+    points: Points
+
+
+def measure(seen: Observations | Sequence[Frame], field: Field, recipe: Recipe) -> Measured:
+    """Everything that a recipe makes of frames, or of observations that are there already.
+
+    `field` is what the measuring side is told, cameras included. Raises `TestfieldError` where the frames or the field
+    do not determine the result.
+    """
+    observations = seen if isinstance(seen, Observations) else detect_all(seen, field, recipe)
+    calibration = calibrate(observations, field, recipe)
+    return Measured(observations, calibration, reconstruct(observations, calibration, field, recipe))
+
+
+def detect_all(frames: Sequence[Frame], field: Field, recipe: Recipe) -> Observations:
+    """Observations of all frames together."""
+    return Observations.join([detect(frame, field, recipe) for frame in frames], tuple(f.station for f in frames))
+
+
+def detect(frame: Frame, field: Field, recipe: Recipe) -> Observations:
+    """Observations of one frame."""
+    return detect_frame(frame, field, recipe.centroid.name, recipe.smallest_diameter_px, recipe.centroid.options)
+
+
+def calibrate(observations: Observations, field: Field, recipe: Recipe) -> Calibration:
+    """Cameras, exterior orientations and boards. Raises `TestfieldError` where a calibrator cannot do the field."""
+    name, options = recipe.calibrator.name, options_for(field, recipe)
+    camera = only_camera(field)
+    return find("calibrators", name)(observations, field, camera.width_px, camera.height_px, **options)
+
+
+def options_for(field: Field, recipe: Recipe) -> dict[str, Any]:
+    """All options of the calibrator, those from the field sheet's cameras included."""
+    return {"lens": only_camera(field).lens, "hold": recipe.hold} | dict(recipe.calibrator.options)
+
+
+def only_camera(field: Field) -> CameraSheet:
+    """The field's one camera."""
+    if len(field.cameras) != 1:
+        raise TestfieldError(
+            f"the field sheet lists {len(field.cameras)} cameras, and one is wanted", "field.json, cameras",
+            "list the camera that took the images",
+        )  # fmt: skip
+    return field.cameras[0]
+
+
+def reconstruct(observations: Observations, calibration: Calibration, field: Field, recipe: Recipe) -> Points:
+    """Targets that belong to no board, with their joint covariance."""
+    method = recipe.reconstructor
+    return find("reconstructors", method.name)(observations, calibration, field, **method.options)
+
+
+def takes_cameras(calibrator: str) -> bool:
+    """Whether a calibrator can do several cameras."""
+    return "cameras" in signature(find("calibrators", calibrator)).parameters
