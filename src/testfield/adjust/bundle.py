@@ -189,6 +189,8 @@ def _freedom(network: Network, size: int, open_ways: int) -> int:
         known += sum(
             int(np.isfinite(u).sum()) for u, w in zip(network.known_boards.u, network.ways, strict=True) if w.size
         )
+    if network.known_members:
+        known += int(np.isfinite(network.known_members.u).sum())
     known += sum(bool(np.isfinite(c.u_aspect) and c.unknown[:2].any()) for c in network.cameras)
     unknowns = size - open_ways + 3 * len(np.setdiff1d(seen, kept))
     return 2 * len(network.xy_px) + len(network.distances) + known - unknowns
@@ -234,6 +236,9 @@ def _chi2(network: Network, whitening: np.ndarray, weight: np.ndarray) -> float:
             moving = np.array([w.size > 0 for w in network.ways])
             off = network.known_boards.deviation(network.boards)[moving]
             total += (network.known_boards.information[moving] * off**2).sum()
+        if network.known_members:
+            off = network.known_members.deviation(network.members[1:])
+            total += (network.known_members.information * off**2).sum()
         at = network.datum_mm(network.distances.ends.ravel()).reshape(-1, 2, 3)
         gap = network.distances.length_mm - np.linalg.norm(at[:, 0] - at[:, 1], axis=1)
         total += ((gap / np.maximum(network.distances.u_mm, EXACT_MM)) ** 2).sum()

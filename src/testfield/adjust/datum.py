@@ -62,6 +62,9 @@ def _similarity(network: Network, layout: Layout, centre: np.ndarray) -> tuple[n
     held += np.einsum("nia,nij,njb->ab", by_point, network.information, by_point)
     kept = network.kept_points
     by_reduced[layout.kept :] = by_point[kept].reshape(-1, 7)
+    if network.known_members:  # a rig's cameras at stated distances
+        by_scale = np.column_stack([np.zeros((len(network.members) - 1, 3)), network.members.t_mm[1:]])
+        held[6, 6] += (network.known_members.information * by_scale**2).sum()
     held[6, 6] += ((network.distances.length_mm / np.maximum(network.distances.u_mm, EXACT_MM)) ** 2).sum()
     return by_reduced, by_point, held
 

@@ -110,7 +110,8 @@ class Network:
     cameras, of which member 0 is the station itself; datum-from-board poses `boards` (B), which move in their `ways`;
     one `scale` of all boards with prior 1 +- `u_scale` (0: held); `point_mm` (n, 3) in the frame of board
     `point_board` (n,), or in the datum frame where that is -1. `known_mm` (n, 3) with `information` (n, 3, 3), an
-    inverse covariance, is what was known of them before; zeros: nothing. `known_boards` the same of the boards' poses.
+    inverse covariance, is what was known of them before; zeros: nothing. `known_boards` the same of the boards' poses,
+    `known_members` of the members' (of all but the first).
 
     Observations: `xy_px` (m, 2) with `cov_px2` (m, 2, 2) of point `point` (m,) in image `image` (m,) of `images`;
     `offset_px` (m, 2) is what the image of a disc adds to the projection of its centre. `distances`.
@@ -135,6 +136,17 @@ class Network:
     u_scale: float = 0.0
     members: Poses = field(default_factory=lambda: Poses.identity(1))
     known_boards: KnownBoards | None = None
+    known_members: KnownBoards | None = None
+
+    @property
+    def interiors(self) -> tuple[Interior, ...]:
+        """The cameras' interior orientations."""
+        return tuple(camera.interior for camera in self.cameras)
+
+    @property
+    def camera(self) -> np.ndarray:
+        """(m,) the camera of each image observation."""
+        return self.images.camera[self.image]
 
     @property
     def interior(self) -> Interior:
@@ -207,6 +219,7 @@ class Network:
         board_names: tuple[str, ...] = (),
         camera_names: tuple[str, ...] = (),
         point_names: tuple[str, ...] | None = None,
+        member_names: tuple[str, ...] = (),
     ) -> list[str]:
         """A name for each unknown of the reduced system, in its order; those of several cameras begin with theirs."""
         axes = ("rx", "ry", "rz", "tx", "ty", "tz")
@@ -216,7 +229,8 @@ class Network:
             own = zip(camera.interior.names, camera.unknown, strict=True)
             named += [prefix + name for name, unknown in own if unknown]
         named += [f"station:{s}.{axis}" for s in station_names for axis in axes]
-        named += [f"member:{k}.{axis}" for k in range(1, len(self.members)) for axis in axes]
+        members = member_names or tuple(map(str, range(1, len(self.members))))
+        named += [f"member:{name}.{axis}" for name in members for axis in axes]
         for b, ways in zip(board_names, self.ways, strict=True):
             named += [f"board:{b}.{_way(axes, way, k)}" for k, way in enumerate(ways.T)]
         named += ["scale"] if self.scale_free else []

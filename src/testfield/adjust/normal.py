@@ -63,6 +63,12 @@ class NormalEquations:
                 columns = np.arange(layout.board[b], layout.board[b + 1])
                 self.normal[np.ix_(columns, columns)] += ways.T @ (weight[:, None] * ways)
                 self.right[columns] += ways.T @ (weight * off[b])
+        if network.known_members:
+            off = network.known_members.deviation(network.members[1:]).ravel()
+            weight = network.known_members.information.ravel()
+            columns = layout.member + np.arange(len(off))
+            self.normal[columns, columns] += weight
+            self.right[columns] += weight * off
         if network.scale_free:
             self.normal[layout.scale, layout.scale] += 1 / network.u_scale**2
             self.right[layout.scale] += (1 - network.scale) / network.u_scale**2

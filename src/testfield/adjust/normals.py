@@ -4,17 +4,21 @@ To first order a disc of radius r with unit normal n has the image moments M = r
 derivative of the pixel by the point. So each view gives three equations that are linear in the entries of n n^T.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from testfield.camera.interior import Interior
 from testfield.camera.pose import Poses
 from testfield.camera.project import project_with_jacobian
+from testfield.camera.several import by_camera
 
 PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
 
 def target_normals(
-    interior: Interior,
+    interiors: Sequence[Interior],
+    camera: np.ndarray,
     poses: Poses,
     there: np.ndarray,
     centre_mm: np.ndarray,
@@ -23,12 +27,13 @@ def target_normals(
 ) -> np.ndarray:
     """Unit normals (n, 3) of n targets, towards their cameras.
 
-    `poses` (n * k) camera-from-datum of the views, those of one target together; `there` (n, k) which views there are,
+    `poses` (n * k) camera-from-datum of the views, those of one target together, by the cameras `camera` (n * k) of
+    `interiors`; `there` (n, k) which views there are,
     two a target at least; `centre_mm` (n, 3) in the datum frame; `radius_mm` (n,); `moments_px2` (n, k, 2, 2).
     """
     n, k = there.shape
-    _, jacobian = project_with_jacobian(interior, poses, np.repeat(centre_mm, k, axis=0))
-    J = (jacobian.camera_point @ poses.R).reshape(n, k, 2, 3)
+    by_point = by_camera(_by_camera_point, interiors, camera, poses, np.repeat(centre_mm, k, axis=0))
+    J = (by_point @ poses.R).reshape(n, k, 2, 3)
     J = np.where(there[..., None, None], J, 0)
     shape = np.where(there[..., None, None], 4 * moments_px2 / radius_mm[:, None, None, None] ** 2, 0)
     missing = J @ np.swapaxes(J, -1, -2) - shape
@@ -50,3 +55,7 @@ def target_normals(
     toward = poses.origin_mm.reshape(n, k, 3) - centre_mm[:, None, :]
     facing = (np.einsum("nki,ni->nk", toward, normal) * there).sum(axis=1)
     return normal * np.where(facing > 0, 1.0, -1.0)[:, None]
+
+
+def _by_camera_point(interior: Interior, poses: Poses, xyz_mm: np.ndarray) -> np.ndarray:
+    return project_with_jacobian(interior, poses, xyz_mm)[1].camera_point

@@ -30,14 +30,18 @@ from testfield.store.text import write_text
 AXES = ("rx", "ry", "rz", "tx", "ty", "tz")
 TUPLES = (
     "station_names", "board_names", "labels", "rejected", "notes", "joints", "board_quality", "rejections",
-    "certificates", "failures",
+    "certificates", "failures", "camera_names", "rigs",
 )  # fmt: skip
-ARRAYS = ("covariance", "residual_at_px", "residual_px", "point_code", "point_mm")
+ARRAYS = (
+    "covariance", "residual_at_px", "residual_px", "point_code", "point_mm", "image_camera", "residual_camera",
+)  # fmt: skip
+SEVERAL = ("more_cameras", "camera_names", "image_camera", "residual_camera", "rigs")
+"""What only the file of several cameras has."""
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """A calibrated camera in the frame of the first board.
+    """A calibrated camera, or several, in the frame of the first board.
 
     `stations` camera-from-datum, `boards` datum-from-board poses with their names; `scale` of the boards against
     their sheets; `covariance` (P, P) of the unknowns named in `labels` (interior in the model's units, rotations in
@@ -50,6 +54,11 @@ class Calibration:
     the lens model does not follow (`lens_misfit`), empty where nothing is seen of it; `rejections` counted by group as
     in `rejections`; `certificates` tested, as in `certificates`; `failures`, sentences on what no reader may overlook:
     with one of them the test is not passed; `notes` for the reader.
+
+    Several cameras: `interior` is the first one's, `more_cameras` the others', `camera_names` those of all and
+    `image_camera` (stations) the camera of each image, `residual_camera` (m,) of each residual; unknowns of a camera
+    are then named `camera:NAME.fx`. `rigs` are relative orientations: name, camera, `turn_rad`, `t_mm` in the frame of
+    the rig's first camera, whose unknowns are `member:RIG/CAMERA.rx` and so on.
     """
 
     method: str
@@ -79,6 +88,26 @@ class Calibration:
     rejections: tuple[dict, ...] = ()
     certificates: tuple[dict, ...] = ()
     failures: tuple[str, ...] = ()
+    more_cameras: tuple[Interior, ...] = ()
+    camera_names: tuple[str, ...] = ()
+    image_camera: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
+    residual_camera: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
+    rigs: tuple[dict, ...] = ()
+
+    @property
+    def interiors(self) -> tuple[Interior, ...]:
+        """The interior orientations of all cameras."""
+        return (self.interior, *self.more_cameras)
+
+    @property
+    def camera_of_image(self) -> np.ndarray:
+        """(stations,) the camera of each image."""
+        return self.image_camera if len(self.image_camera) else np.zeros(len(self.station_names), int)
+
+    def interior_unknowns(self, camera: int) -> list[str]:
+        """Labels that a camera's parameters have, in their order, whether they are among the unknowns or not."""
+        prefix = f"camera:{self.camera_names[camera]}." if self.more_cameras else ""
+        return [prefix + name for name in self.interiors[camera].names]
 
     def index(self, names: list[str]) -> np.ndarray:
         """Places of the named unknowns in the covariance."""
@@ -100,7 +129,11 @@ class Calibration:
             "stations": _poses_json(self.stations),
             "boards": _poses_json(self.boards),
             **{key: getattr(self, key).tolist() for key in ARRAYS},
+            "more_cameras": [camera.to_json() for camera in self.more_cameras],
         }
+        if not self.more_cameras:  # one camera's file is what it was before there could be several
+            for key in SEVERAL:
+                data.pop(key)
         write_text(path, json.dumps({"format": FORMAT} | data))
 
     @staticmethod
@@ -108,16 +141,21 @@ class Calibration:
     def load(path: Path) -> "Calibration":
         """Read what `save` wrote. Raises `TestfieldError` where types, names, shapes or numbers are not such."""
         data = read_json(path)
-        arrays = {key: data.pop(key) for key in ARRAYS}
+        arrays = {key: data.pop(key, []) if key in SEVERAL else data.pop(key) for key in ARRAYS}
         file = checked(_File, data)
         if unknown := set(data) - {f.name for f in fields(Calibration)}:
             raise ValueError(f"{min(unknown)}: no such part")
         P, points = len(file.labels), len(arrays["point_code"])
         residuals = len(arrays["residual_px"])
-        plain = file.model_dump(exclude={"interior", "stations", "boards"})
+        plain = file.model_dump(exclude={"interior", "stations", "boards", "more_cameras"})
+        cameras = 1 + len(file.more_cameras)
+        images = len(file.station_names) if file.more_cameras else 0
         found = Calibration(
             **(plain | {"test": plain["test"] or {}} | {key: tuple(plain.get(key, ())) for key in TUPLES}),
             interior=Interior.from_json(file.interior),
+            more_cameras=tuple(Interior.from_json(one) for one in file.more_cameras),
+            image_camera=_numbers(arrays["image_camera"], "image_camera", images, cameras),
+            residual_camera=_numbers(arrays["residual_camera"], "residual_camera", residuals if images else 0, cameras),
             stations=_poses(file.stations, "stations", len(file.station_names)),
             boards=_poses(file.boards, "boards", len(file.board_names)),
             covariance=covariance(arrays["covariance"], "covariance", P),
@@ -174,8 +212,18 @@ class _Test(OpenSheet):
     detectable_px: float
 
 
+class _Rig(OpenSheet):
+    rig: str
+    camera: str
+    turn_rad: tuple[Finite, Finite, Finite]
+    t_mm: tuple[Finite, Finite, Finite]
+
+
 class _File(OpenSheet):
     method: str
+    more_cameras: tuple[dict[str, Any], ...] = ()
+    camera_names: tuple[str, ...] = ()
+    rigs: tuple[_Rig, ...] = ()
     interior: dict[str, Any]
     station_names: tuple[str, ...]
     stations: list[_Pose]
@@ -200,13 +248,25 @@ class _File(OpenSheet):
         return value or None
 
 
+def _numbers(value: Any, name: str, count: int, cameras: int) -> np.ndarray:
+    """(count,) numbers of cameras."""
+    found = array(value, name, count, kind=int)
+    if len(found) and (found.min() < 0 or found.max() >= cameras):
+        raise ValueError(f"{name} counts cameras that there are not")
+    return found
+
+
 def _names_fit(found: Calibration) -> None:
     """Refuse names of unknowns, joints and edges that the calibration does not have."""
     unique(found.station_names, "station")
     unique(found.board_names, "board")
     unique(found.labels, "unknown")
+    unique(found.camera_names, "camera")
+    if found.more_cameras and len(found.camera_names) != len(found.interiors):
+        raise ValueError(f"{len(found.interiors)} cameras have {len(found.camera_names)} names")
     owners = {
         "station": set(found.station_names), "board": set(found.board_names), "point": set(map(str, found.point_code)),
+        "camera": set(found.camera_names),
     }  # fmt: skip
     for label in found.labels:
         kind, colon, rest = label.partition(":")

@@ -11,10 +11,11 @@ from testfield.adjust.network import HELD, Camera, Distances, Images, Network, i
 from testfield.adjust.normal import NormalEquations
 from testfield.calibrate.calibration import Calibration
 from testfield.calibrate.edges import left_out
+from testfield.calibrate.looks import PINHOLE_LIKE
 from testfield.calibrate.quality import board_quality, joints, residual_test
 from testfield.calibrate.rejections import of_joints
 from testfield.calibrate.rows import usable_rows
-from testfield.calibrate.start import PINHOLE_LIKE, starting_network
+from testfield.calibrate.start import starting_network
 from testfield.calibrate.views import AXES, LEAST_VARIANCE_PX2, evaluated
 from testfield.camera.interior import Interior
 from testfield.camera.pose import Poses

@@ -1,5 +1,7 @@
 """Why a network may not know what is asked of it: reasons that its geometry alone gives, each naming its parameters."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 
@@ -14,8 +16,35 @@ LEAST_COVERED = 0.5
 """Part of the image within the outermost observations."""
 
 
-def geometric_doubts(network: Network, station_names: tuple[str, ...], board_names: tuple[str, ...]) -> list[str]:
-    """Sentences on weak geometry of a network of boards at its present values."""
+def geometric_doubts(
+    network: Network, station_names: tuple[str, ...], board_names: tuple[str, ...], camera_names: tuple[str, ...] = ()
+) -> list[str]:
+    """Sentences on weak geometry of a network of boards at its present values, of each of several cameras."""
+    if len(network.cameras) > 1:
+        board = network.point_board[network.point]
+        pairs = np.unique(np.column_stack([network.image, board])[board >= 0], axis=0)
+        return [
+            *(
+                f"camera '{name}': {note}"
+                for k, name in enumerate(camera_names)
+                for note in _doubts_of_views(_by_one(network, k))
+            ),
+            *_hanging(pairs, station_names, board_names),
+        ]
+    return _doubts_of_views(network, station_names, board_names)
+
+
+def _by_one(network: Network, camera: int) -> Network:
+    """What one of several cameras saw."""
+    alone = replace(network, cameras=(network.cameras[camera],), images=replace(
+        network.images, camera=np.zeros_like(network.images.camera)
+    ))  # fmt: skip
+    return alone.take(network.camera == camera)
+
+
+def _doubts_of_views(
+    network: Network, station_names: tuple[str, ...] = (), board_names: tuple[str, ...] = ()
+) -> list[str]:
     board = network.point_board[network.point]
     pairs = np.unique(np.column_stack([network.image, board])[board >= 0], axis=0)
     if not len(pairs):

@@ -52,6 +52,23 @@ class Edges:
         """The lens that all of them share."""
         return self.image[0].lens
 
+    @staticmethod
+    def join(parts: list["Edges"]) -> "Edges":
+        """All edges in order."""
+        if len(parts) == 1:
+            return parts[0]
+        return Edges(
+            np.concatenate([part.station for part in parts]),
+            np.concatenate([part.board for part in parts]),
+            np.concatenate([part.weight for part in parts]),
+            tuple(image for part in parts for image in part.image),
+            tuple(rows for part in parts for rows in part.rows),
+        )
+
+    def of_rows(self, rows: np.ndarray) -> "Edges":
+        """The same where observations are counted as the ones that `rows` are taken from counts them."""
+        return replace(self, rows=tuple(rows[own] for own in self.rows))
+
     def take(self, chosen: np.ndarray) -> "Edges":
         """The edges of a mask."""
         return Edges(

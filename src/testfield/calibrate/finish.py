@@ -2,19 +2,21 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from testfield.adjust.bundle import Adjustment
+from testfield.adjust.network import Layout, Network
 from testfield.adjust.weakness import weak_unknowns
-from testfield.calibrate.calibration import Calibration, point_label
-from testfield.calibrate.doubts import geometric_doubts
+from testfield.calibrate.calibration import AXES, Calibration, point_label
 from testfield.calibrate.edges import left_out
+from testfield.calibrate.imaging import exterior_by_network, relative_orientations
 from testfield.calibrate.misfit import Misfit
 from testfield.calibrate.quality import board_quality, joints, residual_test
 from testfield.calibrate.rejections import of_boards
 from testfield.calibrate.rows import rejection
-from testfield.calibrate.settle import Settled, settled
+from testfield.calibrate.settle import Settled, doubts_of_geometry, settled
 from testfield.calibrate.start import Start
 from testfield.camera.interior import MODE
 from testfield.detect.observations import Observations
@@ -71,21 +73,59 @@ def finished(
     loose = network.seen_points[network.point_board[network.seen_points] < 0]
     code_of = dict(zip(start.network.point.tolist(), rows.code[start.rows].tolist(), strict=True))
     codes = np.array([code_of[k] for k in loose.tolist()], int)
-    covariance, names = with_points(adjustment, network.labels(start.stations, start.boards), loose, codes)
+    covariance, names = with_points(adjustment, start.labels(network), loose, codes)
     edges, test = joints(adjustment, start.stations, start.boards), residual_test(found.plain or adjustment)
     doubts = doubts_of(adjustment, start, covariance, names, test, found.plain is not None)
+    covariance, names = by_images(covariance, names, network, start)
     records = left_out(rows, field, start.why)
     calibration = Calibration(
-        method, network.interior, start.stations, network.stations, start.boards, network.boards, network.scale,
+        method, network.interior, start.stations, network.camera_from_datum(), start.boards, network.boards,
+        network.scale,
         covariance, names, adjustment.sigma0 * np.sqrt(found.widened), adjustment.freedom,
         float(np.sqrt((adjustment.residual_px**2).sum(axis=1).mean())), len(network.xy_px),
         tuple(turned_down + records + found.rejected), network.xy_px, adjustment.residual_px, start.graph,
         tuple(notes + start.notes + found.notes + doubts),
         joints=edges, board_quality=board_quality(covariance, names, start.boards, edges), test=test,
         misfit=found.misfit.card, point_code=codes, point_mm=network.point_mm[loose],
-        certificates=found.certificates, failures=found.failures,
+        certificates=found.certificates, failures=found.failures, **several(network, start),
     )  # fmt: skip
     return of_boards(calibration, rows.take(start.rows[found.left]), field)
+
+
+def by_images(
+    covariance: np.ndarray, names: tuple[str, ...], network: Network, start: Start
+) -> tuple[np.ndarray, tuple[str, ...]]:
+    """The covariance with the exterior orientation of every image in the place of those of stations; rig members stay.
+
+    Where every image has a station of its own, nothing changes.
+    """
+    at = Layout.of(network)
+    own = tuple(f"station:{image}.{axis}" for image in start.stations for axis in AXES)
+    named = (*names[: at.station], *own, *names[at.member :])
+    if len(network.members) == 1 and np.array_equal(network.images.station, np.arange(len(network.stations))):
+        return covariance, named
+    member_end = int(at.board[0])
+    by = exterior_by_network(network)
+    images = len(by)
+    A = np.zeros((len(names) + images - (at.member - at.station), len(names)))
+    A[: at.station, : at.station] = np.eye(at.station)
+    A[at.station : at.station + images, at.station : member_end] = by
+    rest = len(names) - at.member
+    A[at.station + images :, at.member :] = np.eye(rest)
+    return A @ covariance @ A.T, named
+
+
+def several(network: Network, start: Start) -> dict[str, Any]:
+    """What a calibration of several cameras has beside that of one."""
+    if len(network.cameras) == 1 and not start.imaging.members:
+        return {}
+    return {
+        "more_cameras": network.interiors[1:],
+        "camera_names": tuple(camera.name for camera in start.imaging.cameras),
+        "image_camera": network.images.camera,
+        "residual_camera": network.camera,
+        "rigs": relative_orientations(start.imaging, network),
+    }
 
 
 def with_points(
@@ -107,7 +147,7 @@ def doubts_of(
 ) -> list[str]:
     """Sentences on weak unknowns with the geometry to blame, on observations without control, on a failed test;
     `of_model` where that is a test of the lens model alone, and more was found from the residuals since."""
-    notes = geometric_doubts(adjustment.network, start.stations, start.boards)
+    notes = doubts_of_geometry(adjustment.network, start)
     own = [k for k, label in enumerate(labels) if not label.startswith(("point:", MODE))]
     notes += weak_unknowns(covariance[np.ix_(own, own)], [labels[k] for k in own])
     if test["uncontrolled"]:

@@ -112,11 +112,13 @@ def with_lens_misfit(network: Network, misfit: LensMisfit, name: Callable[[Netwo
 
 
 def without_lens_misfit(network: Network) -> Network:
-    """The network with the lens model alone."""
-    camera = network.cameras[0]
-    interior = camera.interior.without_modes
-    p = len(interior.parameters)
-    return replace(network, cameras=(Camera(interior, camera.u[:p], camera.known[:p], camera.u_aspect),))
+    """The network with the lens models alone."""
+    cameras = []
+    for camera in network.cameras:
+        interior = camera.interior.without_modes
+        p = len(interior.parameters)
+        cameras.append(Camera(interior, camera.u[:p], camera.known[:p], camera.u_aspect))
+    return replace(network, cameras=tuple(cameras))
 
 
 def _with_modes(network: Network, modes_px: np.ndarray, u: float) -> Network:

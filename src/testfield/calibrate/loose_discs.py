@@ -6,7 +6,10 @@ import numpy as np
 from testfield.adjust.network import Network
 from testfield.adjust.normals import target_normals
 from testfield.camera.circle import disc_image
+from testfield.camera.interior import Interior
+from testfield.camera.pose import Poses
 from testfield.camera.project import camera_jacobian, project
+from testfield.camera.several import by_camera
 
 
 def by_point(network: Network) -> tuple[np.ndarray, np.ndarray]:
@@ -27,7 +30,7 @@ def measured_radii(network: Network, moments_px2: np.ndarray) -> np.ndarray:
     scale there is its radius; the median over all images. Good to a few parts in a hundred far off the axis.
     """
     at_camera = network.camera_from_datum()[network.image].apply(network.datum_mm()[network.point])
-    _, _, jacobian = camera_jacobian(network.interior, at_camera)
+    jacobian = by_camera(_by_point, network.interiors, network.camera, at_camera)
     scale = np.linalg.svd(jacobian, compute_uv=False).prod(axis=1) ** 0.5
     with np.errstate(invalid="ignore"):
         bad = ~np.isfinite(moments_px2).all(axis=(1, 2))
@@ -55,12 +58,24 @@ def disc_offsets(network: Network, moments_px2: np.ndarray, radius_mm: np.ndarra
     normal = np.full((len(network.point_mm), 3), np.nan)
     moments = np.where(np.isfinite(moments_px2), moments_px2, 0)[rows[discs]]
     normal[discs] = target_normals(
-        network.interior, poses[network.image[rows[discs]].ravel()], there[discs], network.point_mm[discs],
-        radius_mm[discs], moments,
+        network.interiors, network.camera[rows[discs]].ravel(), poses[network.image[rows[discs]].ravel()], there[discs],
+        network.point_mm[discs], radius_mm[discs], moments,
     )  # fmt: skip
     here = np.flatnonzero(np.isfinite(normal[network.point]).all(axis=1))
     point, seen_from = network.point[here], poses[network.image[here]]
     centre = network.point_mm[point]
-    image = disc_image(network.interior, seen_from, centre, normal[point], radius_mm[point])
-    offset[here] = np.nan_to_num(image.centroid_px - project(network.interior, seen_from, centre))
+    seen = (seen_from, centre, normal[point], radius_mm[point])
+    offset[here] = np.nan_to_num(by_camera(eccentricity, network.interiors, network.camera[here], *seen))
     return offset
+
+
+def eccentricity(
+    interior: Interior, poses: Poses, centre_mm: np.ndarray, normal: np.ndarray, radius_mm: np.ndarray
+) -> np.ndarray:
+    """(n, 2) px from the projections of discs' centres to the centres of their images; arguments as of `disc_image`."""
+    image = disc_image(interior, poses, centre_mm, normal, radius_mm)
+    return image.centroid_px - project(interior, poses, centre_mm)
+
+
+def _by_point(interior: Interior, at_camera: np.ndarray) -> np.ndarray:
+    return camera_jacobian(interior, at_camera)[2]

@@ -3,8 +3,8 @@
 import numpy as np
 
 from testfield.calibrate.calibration import Calibration
+from testfield.calibrate.looks import PINHOLE_LIKE
 from testfield.calibrate.rows import usable_rows
-from testfield.calibrate.start import PINHOLE_LIKE
 from testfield.camera.interior import Interior, check_held
 from testfield.camera.pose import Poses
 from testfield.camera.project import camera_jacobian

@@ -23,7 +23,7 @@ def joints(adjustment: Adjustment, stations: tuple[str, ...], boards: tuple[str,
         here = place.ravel() == k
         found.append(
             {
-                "station": stations[network.images.station[i]], "board": boards[b], "marks": int(here.sum()),
+                "station": stations[i], "board": boards[b], "marks": int(here.sum()),
                 "rms_px": float(np.sqrt(square[here].mean())), "redundancy": float(share[here].mean()),
             }
         )  # fmt: skip

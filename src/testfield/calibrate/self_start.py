@@ -221,8 +221,9 @@ def _met(interior: Interior, views: _Views, poses: Poses, reached: np.ndarray) -
     if k == 0:
         return points, known
     try:
+        station = np.tile(stations, (k, 1))
         points[known] = meet_all(
-            interior, poses, np.tile(stations, (k, 1)), there[known], np.swapaxes(views.xy_px, 0, 1)[known]
+            [interior], np.zeros_like(station), poses, station, there[known], np.swapaxes(views.xy_px, 0, 1)[known]
         )
     except np.linalg.LinAlgError:  # rays that are parallel, or a pixel that the lens does not reach
         return points, np.zeros_like(known)

@@ -10,6 +10,7 @@ from testfield.adjust.normals import target_normals
 from testfield.adjust.reliability import global_test, reliability
 from testfield.calibrate.doubts import geometric_doubts
 from testfield.calibrate.lens_misfit import without_lens_misfit
+from testfield.calibrate.loose_discs import eccentricity
 from testfield.calibrate.misfit import NO_MISFIT, Misfit, Names, excess_of, misfit_of, scatter_note, widened
 from testfield.calibrate.sheets import (
     FEW,
@@ -22,9 +23,9 @@ from testfield.calibrate.sheets import (
     without_suspect,
 )
 from testfield.calibrate.start import Start
-from testfield.camera.circle import disc_image
-from testfield.camera.project import project
-from testfield.camera.rays import meet
+from testfield.camera.project import directions
+from testfield.camera.rays import meet_rays
+from testfield.camera.several import by_camera
 from testfield.detect.observations import Observations
 from testfield.errors import TestfieldError
 
@@ -83,7 +84,7 @@ def settled(start: Start, rows: Observations, empirical: bool = False, misfit: M
     discs = _Discs(rows.moments_px2[start.rows], start.radius_mm) if rows.centre_of_disc else None
     try:
         coarse = _coarse(start.network)
-        found = adjust(coarse, coarse.labels(start.stations, start.boards))
+        found = adjust(coarse, start.labels(coarse))
         network = replace(_refined(start.network, found.network), distances=Distances())
         plain = _settle(network, discs, start, rows)
         last = _followed(plain, network, discs, start, rows, misfit)
@@ -96,10 +97,10 @@ def settled(start: Start, rows: Observations, empirical: bool = False, misfit: M
             adjustment, factor = widened(last.adjustment, _unknowns(start))
             last = replace(last, adjustment=adjustment, widened=factor * last.misfit.variance)
     except TestfieldError as error:
-        reasons = geometric_doubts(start.network, start.stations, start.boards)
+        reasons = doubts_of_geometry(start.network, start)
         raise TestfieldError("; ".join([error.what, *reasons]), error.where, error.do) from error
     except np.linalg.LinAlgError as error:
-        reasons = geometric_doubts(start.network, start.stations, start.boards)
+        reasons = doubts_of_geometry(start.network, start)
         raise TestfieldError(
             "; ".join(["the adjustment does not come to rest", *reasons]),
             do="look at the sheets, the numbers, the images",
@@ -109,8 +110,14 @@ def settled(start: Start, rows: Observations, empirical: bool = False, misfit: M
     return replace(last, plain=plain.adjustment if last.misfit.found else None)
 
 
+def doubts_of_geometry(network: Network, start: Start) -> list[str]:
+    """Sentences on weak geometry of a start's network at its present values."""
+    cameras = tuple(camera.name for camera in start.imaging.cameras)
+    return geometric_doubts(network, start.stations, start.boards, cameras)
+
+
 def _unknowns(start: Start) -> Names:
-    return lambda network: network.labels(start.stations, start.boards)
+    return start.labels
 
 
 def _followed(
@@ -127,6 +134,7 @@ def _followed(
         there = misfit.applied(plain.adjustment.network, names)
         there = replace(
             network, cameras=there.cameras, stations=there.stations, boards=there.boards, scale=there.scale,
+            members=there.members,
             point_mm=there.point_mm, information=there.information, cov_px2=misfit.variance * network.cov_px2,
         )  # fmt: skip
         last = replace(_settle(there, discs, start, rows), misfit=misfit)
@@ -168,20 +176,23 @@ class _Discs:
 
     def offsets(self, network: Network) -> np.ndarray:
         """(m, 2) centre of the disc's image minus projection of its centre, at the network's present values."""
-        normals = network.normals()
+        normals, poses = network.normals(), network.camera_from_datum()
         for k in np.flatnonzero(network.point_board < 0):
             v = np.flatnonzero(network.point == k)
-            poses = network.stations[network.image[v]]
             normals[k] = target_normals(
-                network.interior, poses, np.ones((1, len(v)), bool), network.point_mm[[k]], self.radius_mm[[k]],
+                network.interiors,
+                network.camera[v],
+                poses[network.image[v]],
+                np.ones((1, len(v)), bool),
+                network.point_mm[[k]],
+                self.radius_mm[[k]],
                 self.moments_px2[v][None],
-            )[0]  # fmt: skip
+            )[0]
         offset = np.zeros((len(network.point), 2))
         discs = np.flatnonzero(self.radius_mm[network.point] > 0)  # a corner is seen where it is
-        poses, point = network.stations[network.image[discs]], network.point[discs]
-        centre = network.datum_mm()[point]
-        image = disc_image(network.interior, poses, centre, normals[point], self.radius_mm[point])
-        offset[discs] = image.centroid_px - project(network.interior, poses, centre)
+        point = network.point[discs]
+        seen = (poses[network.image[discs]], network.datum_mm()[point], normals[point], self.radius_mm[point])
+        offset[discs] = by_camera(eccentricity, network.interiors, network.camera[discs], *seen)
         return offset
 
 
@@ -191,7 +202,7 @@ def _settle(network: Network, discs: _Discs | None, start: Start, rows: Observat
     Sheets are asked before pixels: what misses the rest more is called wrong. What is returned is always the adjustment
     of exactly the observations that remain.
     """
-    labels = network.labels(start.stations, start.boards)
+    labels = start.labels(network)
     names = _names(start, rows)
     rejected: list[dict] = []
     records: list[dict] = []
@@ -260,7 +271,7 @@ def _lost_image(start: Start, left: np.ndarray, bad: np.ndarray, network: Networ
 
 def _at_rest(network: Network, discs: _Discs | None, start: Start) -> tuple[Adjustment, list[str]]:
     """The adjustment of a network from which nothing more is rejected."""
-    labels = network.labels(start.stations, start.boards)
+    labels = start.labels(network)
     for _ in range(ROUNDS):
         adjustment = adjust(network, labels)
         network = adjustment.network
@@ -290,7 +301,7 @@ def _without_board(adjustment: Adjustment, found: Suspect, start: Start, left: n
     """What is said of a board whose sheet is wrong."""
     network, name = adjustment.network, start.boards[found.board]
     said = f"the sheet of board '{name}' does not fit it ({np.sqrt(found.value):.3g} standard deviations)"
-    *factors, alike = stretch(network, found.board, network.labels(start.stations, start.boards))
+    *factors, alike = stretch(network, found.board, start.labels(network))
     shape = " and ".join(
         f"in {axis} {100 * (f - 1):+.2g} %" for axis, f in zip("xy", factors, strict=True) if abs(f - 1) > LEAST_STRETCH
     )
@@ -338,11 +349,14 @@ def _doubts(adjustment: Adjustment) -> list[str]:
 
 def _coarse(network: Network) -> Network:
     """The first adjustment: boards as on their sheets, a one-parameter lens, weights that forgive."""
-    free = network.cameras[0].unknown & np.array([name in ("fx", "fy", "k1") for name in network.interior.names])
+    cameras = tuple(
+        Camera.of(one.interior, one.unknown & np.array([name in ("fx", "fy", "k1") for name in one.interior.names]))
+        for one in network.cameras
+    )
     on_boards = network.point_board[network.point] >= 0
     coarse = network.take(on_boards)
     return replace(
-        coarse, cameras=(Camera.of(network.interior, free),), u_scale=0.0,
+        coarse, cameras=cameras, u_scale=0.0,
         information=information_of(np.zeros_like(network.known_mm)),
         cov_px2=np.broadcast_to(np.eye(2), coarse.cov_px2.shape).copy(), distances=Distances(),
     )  # fmt: skip
@@ -350,12 +364,20 @@ def _coarse(network: Network) -> Network:
 
 def _refined(network: Network, coarse: Network) -> Network:
     """The full network at the coarse one's camera, stations and boards, its loose points met anew."""
-    points = network.point_mm.copy()
+    points, poses = network.point_mm.copy(), coarse.camera_from_datum()
     for k in np.flatnonzero(network.point_board < 0):
         v = np.flatnonzero(network.point == k)
-        points[k] = meet(coarse.interior, coarse.stations[network.image[v]], network.xy_px[v])
-    cameras = (replace(network.cameras[0], interior=coarse.interior),)
-    return replace(network, cameras=cameras, stations=coarse.stations, boards=coarse.boards, point_mm=points)
+        rays = by_camera(directions, coarse.interiors, network.camera[v], network.xy_px[v])
+        points[k] = meet_rays(rays, poses[network.image[v]], network.xy_px[v])
+    cameras = tuple(replace(one, interior=found) for one, found in zip(network.cameras, coarse.interiors, strict=True))
+    return replace(
+        network,
+        cameras=cameras,
+        stations=coarse.stations,
+        members=coarse.members,
+        boards=coarse.boards,
+        point_mm=points,
+    )
 
 
 def _residual_sizes(adjustment: Adjustment, scaled: bool = True) -> np.ndarray:

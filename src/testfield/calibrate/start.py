@@ -1,6 +1,5 @@
 """Starting values of a calibration with boards: homographies, the graph of images and boards, and their network."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,35 +8,23 @@ from testfield.adjust.network import (
     EXACT_MM,
     FREE,
     HELD,
-    Camera,
     Distances,
-    Images,
     KnownBoards,
     Network,
     information_of,
 )
-from testfield.calibrate.edges import Edges, board_edges
+from testfield.calibrate.edges import Edges
 from testfield.calibrate.graph import given_poses, groups_apart, spanning_poses
-from testfield.calibrate.homography import focal_length, image_middle, plane_pose
-from testfield.calibrate.lens_start import lens_start
+from testfield.calibrate.imaging import Imaging, known_members
+from testfield.calibrate.looks import Guess, from_homographies, joined, looks_of, one_camera, standing_of
 from testfield.calibrate.units import boards_of_one_unit, dots_fit_their_spacing
-from testfield.camera.interior import Interior, check_held
 from testfield.camera.pose import Poses, rotation
-from testfield.camera.rays import meet
+from testfield.camera.project import directions
+from testfield.camera.rays import meet_rays
+from testfield.camera.several import by_camera
 from testfield.detect.observations import Observations
 from testfield.errors import TestfieldError
 from testfield.targets.field import Field
-
-PINHOLE_LIKE = {
-    "brown": [0.0] * 5,
-    "brown_shear": [0.0] * 6,
-    "rational": [0.0] * 12,
-    "fisheye": [1 / 3, 2 / 15, 17 / 315, 62 / 2835],
-}
-"""Coefficients with which each model images as a pinhole does: homographies know nothing else."""
-
-Guess = Callable[[Edges, Observations, Field, np.ndarray], tuple[float, Poses]]
-"""A first focal length in px and camera-from-board poses (E) of edges, the principal point given in px (2,)."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +33,8 @@ class Start:
 
     `rows` (m,) which observations it uses; `radius_mm` (n,) of its points' discs, 0 of corners; names of its `stations`
     and `boards`; `bars` names of its distances; `graph` edges (station, board, marks); `why` (n,) observations were
-    left out ("" of the others); `notes` for the reader.
+    left out ("" of the others); `notes` for the reader. `stations` are the images'; `places` where their cameras or
+    rigs stood, the network's own stations, and `imaging` says which image was taken from which.
     """
 
     network: Network
@@ -58,13 +46,13 @@ class Start:
     graph: tuple[tuple[str, str, int], ...]
     why: np.ndarray
     notes: list[str]
+    imaging: Imaging
+    places: tuple[str, ...]
 
-
-def from_homographies(edges: Edges, rows: Observations, field: Field, middle_px: np.ndarray) -> tuple[float, Poses]:
-    """The guess of Zhang (2000) with the principal point known: two constraints on the focal length a homography."""
-    focal = focal_length(edges.homography, middle_px)
-    poses = [plane_pose(h, focal, middle_px) for h in edges.homography]
-    return focal, Poses(np.array([R for R, _ in poses]), np.array([t for _, t in poses]))
+    def labels(self, network: Network) -> list[str]:
+        """Names of the network's unknowns."""
+        cameras = tuple(camera.name for camera in self.imaging.cameras)
+        return network.labels(self.places, self.boards, cameras, member_names=self.imaging.member_names)
 
 
 def starting_network(
@@ -80,30 +68,30 @@ def starting_network(
     least_stations: int = 2,
     given: bool = False,
     left_out: frozenset[int] = frozenset(),
+    imaging: Imaging | None = None,
 ) -> Start:
     """The network of all boards and stations that a chain of images joins to the first board that was seen.
 
     `hold` names coefficients kept at zero, `fixed` parameters kept as guessed. `given`: the boards' poses that the
     sheet certifies join boards too, and are known with their uncertainty; its first board is then the datum. Boards
-    that are `left_out` (numbers on the sheet) take no part. Raises
-    `TestfieldError` where no board, or too little of them, was seen.
+    that are `left_out` (numbers on the sheet) take no part. `imaging` says which of several cameras took which image;
+    it then gives their sizes and lenses. Raises `TestfieldError` where no board, or too little of them, was seen.
     """
-    interior, free = _first_camera(width_px, height_px, lens, hold, fixed)
+    imaging = imaging or one_camera(rows.stations, width_px, height_px, lens)
+    looks, why, notes = looks_of(rows, field, imaging, hold, fixed, guess, left_out)
     told: set[int] = set(left_out)
-    edges, why, notes = board_edges(rows, field, interior.parameters[2:4])
-    edges = edges.take(~np.isin(edges.board, sorted(left_out)))
-    focal, camera_from_board = guess(edges, rows, field, interior.parameters[2:4])
+    edges, camera_from_board = Edges.join([look.edges for look in looks]), joined(looks)
     if len(field.boards) > 1:
         keep = boards_of_one_unit(edges, camera_from_board, field, notes)
         told |= {int(b) for b in edges.board[~keep]}
         edges, camera_from_board = edges.take(keep), camera_from_board[keep]
     sizes = dots_fit_their_spacing(edges, rows, field, notes)
-    interior = lens_start(
-        interior.with_parameters(np.array([focal, focal, *interior.parameters[2:]])), free, edges.lens
-    )
+    cameras = tuple(look.camera(edges, imaging) for look in looks)
+    interiors = tuple(camera.interior for camera in cameras)
 
     placed = _placed(edges, camera_from_board, rows, field, given, told, notes)
-    boards, stations = placed.boards, placed.stations
+    standing = standing_of(imaging, placed.station_poses, edges, placed.stations)
+    boards, stations = placed.boards, standing.images
     if len(stations) < least_stations:
         raise TestfieldError(
             "no station sees a board well enough" if least_stations == 1
@@ -123,7 +111,9 @@ def starting_network(
     ends_mm = []
     for end, seen in bars.seen.items():
         point[seen] = end
-        ends_mm.append(meet(interior, placed.station_poses[rows.station[seen]], rows.xy_px[seen]))
+        image = rows.station[seen]
+        rays = by_camera(directions, interiors, imaging.camera[image], rows.xy_px[seen])
+        ends_mm.append(meet_rays(rays, standing.poses[image], rows.xy_px[seen]))
     local = np.vstack([points.local, *ends_mm])
     u = np.vstack([points.u, np.full((len(ends_mm), 3), np.inf)])
     owner = np.concatenate([points.owner, np.full(len(ends_mm), -1)])
@@ -132,34 +122,45 @@ def starting_network(
     number = np.full(len(rows.stations), -1)
     number[stations] = np.arange(len(stations))
     network = Network(
-        (Camera.of(interior, free),), placed.station_poses[stations], Images.one_camera(len(stations)),
-        placed.board_poses[boards], (HELD, *[FREE] * (len(boards) - 1)),
-        local, owner, local, information_of(u), number[rows.station[used]], point[used], rows.xy_px[used],
-        rows.cov_px2[used], np.zeros((len(used), 2)), bars.distances, 1.0, field.u_scale,
+        cameras=cameras,
+        stations=standing.stations,
+        images=standing.network_images,
+        boards=placed.board_poses[boards],
+        ways=(HELD, *[FREE] * (len(boards) - 1)),
+        point_mm=local,
+        point_board=owner,
+        known_mm=local,
+        information=information_of(u),
+        image=number[rows.station[used]],
+        point=point[used],
+        xy_px=rows.xy_px[used],
+        cov_px2=rows.cov_px2[used],
+        offset_px=np.zeros((len(used), 2)),
+        distances=bars.distances,
+        scale=1.0,
+        u_scale=field.u_scale,
+        members=standing.members,
         known_boards=_known_boards(field, boards) if given else None,
-    )  # fmt: skip
+        known_members=known_members(imaging),
+    )
     graph = tuple(
         (rows.stations[s], field.boards[b].name, int(n))
         for s, b, n in zip(edges.station, edges.board, edges.marks, strict=True)
         if has_station[s] and index[b] >= 0
     )
     return Start(
-        network, used, np.concatenate([points.radius, bars.radius]), tuple(rows.stations[s] for s in stations),
-        tuple(field.boards[b].name for b in boards), bars.names, graph, why, notes,
-    )  # fmt: skip
-
-
-def _first_camera(
-    width_px: int, height_px: int, lens: str, hold: tuple[str, ...], fixed: tuple[str, ...]
-) -> tuple[Interior, np.ndarray]:
-    """A pinhole in the middle of the image, focal length 1, and which of its parameters are unknown."""
-    interior = Interior(
-        width_px, height_px, np.array([1.0, 1.0, *image_middle(width_px, height_px), *PINHOLE_LIKE[lens]]), lens
+        network=network,
+        rows=used,
+        radius_mm=np.concatenate([points.radius, bars.radius]),
+        stations=tuple(rows.stations[s] for s in stations),
+        boards=tuple(field.boards[b].name for b in boards),
+        bars=bars.names,
+        graph=graph,
+        why=why,
+        notes=notes,
+        imaging=imaging,
+        places=standing.names,
     )
-    check_held(hold, lens)
-    zero = np.array([name in hold for name in interior.names])
-    interior = interior.with_parameters(np.where(zero, 0.0, interior.parameters))
-    return interior, ~zero & np.array([name not in fixed for name in interior.names])
 
 
 @dataclass(frozen=True)

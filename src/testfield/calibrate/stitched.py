@@ -2,12 +2,14 @@
 
 from testfield.calibrate.calibration import Calibration
 from testfield.calibrate.finish import calibrated
+from testfield.calibrate.imaging import imaging_of
 from testfield.calibrate.misfit import Misfit
 from testfield.calibrate.rows import usable_rows
 from testfield.calibrate.start import Start, starting_network
 from testfield.detect.observations import Observations
 from testfield.errors import TestfieldError
 from testfield.registry import register
+from testfield.targets.camera_sheet import CameraSheet
 from testfield.targets.field import Field
 
 
@@ -21,8 +23,13 @@ def stitched(
     hold: tuple[str, ...] = (),
     empirical: bool = False,
     misfit: Misfit | None = None,
+    cameras: tuple[CameraSheet, ...] = (),
+    rigs: str = "constrained",
 ) -> Calibration:
     """Sub-boards of unknown pose joined through their coded targets, in one bundle.
+
+    Where several `cameras` took the images, their sheets give sizes and lenses; those that the field's `rigs` hold keep
+    their relative orientation, unless that is "free".
 
     Calibrates the `lens` model named, its parameters named in `hold` kept at zero, from what detection measured and the
     field's sheet; no starting values are needed. `empirical` widens all covariances where observations scatter more
@@ -30,9 +37,10 @@ def stitched(
     seen, and where the observations do not determine a parameter.
     """
     rows, turned_down, notes = usable_rows(observations, field)
+    imaging = imaging_of(observations, field, cameras, rigs) if cameras else None
 
     def begin(rows: Observations, left_out: frozenset[int]) -> Start:
-        return starting_network(rows, field, width_px, height_px, lens, hold, left_out=left_out)
+        return starting_network(rows, field, width_px, height_px, lens, hold, left_out=left_out, imaging=imaging)
 
     return calibrated("stitched", begin, rows, field, turned_down, notes, empirical, misfit)
 

@@ -56,6 +56,13 @@ def disc_image(
     return contour_image(interior, poses, centre_mm[:, None, :] + radius_mm[:, None, None] * rim)
 
 
+def disc_centre_px(
+    interior: Interior, poses: Poses, centre_mm: np.ndarray, normal: np.ndarray, radius_mm: np.ndarray
+) -> np.ndarray:
+    """(n, 2) centres of area of discs' images; arguments as of `disc_image`."""
+    return disc_image(interior, poses, centre_mm, normal, radius_mm).centroid_px
+
+
 def contour_image(interior: Interior, poses: Poses, contour_mm: np.ndarray) -> DiscImage:
     """Image of what closed smooth contours enclose, through the full lens model.
 

@@ -47,12 +47,28 @@ def read_table(path: Path, field: Field | None, size_px: tuple[int, int] | None)
     named = list(dict.fromkeys(column["station"].tolist()))
     stations = notes["stations"].split("\n") if "stations" in notes else named
     discs = notes["centre_of_disc"] == "True"
-    extra = {"stations": tuple(stations), "centre_of_disc": discs}
+    extra = {"stations": tuple(stations), "centre_of_disc": discs} | _imaging(notes, len(stations), path)
     rows = _Rows(path, column, discs, field, size_px)
     complaint = next(_stations(rows, stations), None) or next(_meaning(rows), None)
     if complaint:
         raise complaint
     return column, extra
+
+
+def _imaging(notes: dict[str, str], images: int, path: Path) -> dict[str, tuple]:
+    """Camera, place and time of every image, as far as the table says."""
+    said: dict[str, tuple] = {}
+    for name in ("cameras", "places", "times"):
+        values = notes[name].split("\n") if name in notes else []
+        if values and len(values) != images:
+            raise TestfieldError(
+                f"the metadata `{name}` has {len(values)} lines, and there are {images} images", str(path),
+                "give one line for each image of the metadata `stations`",
+            )  # fmt: skip
+        if name == "times" and not all(value.isdecimal() for value in values):
+            raise TestfieldError("the metadata `times` holds what is no number", str(path), "number the times from 0")
+        said[name] = tuple(map(int, values)) if name == "times" else tuple(values)
+    return said
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """What detection hands on: one row for each blob that was looked at, measured or turned down with a reason."""
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +29,11 @@ class Observations:
     none; `chi2` (n,) misfit of the dot's model per degree of freedom; `status` (n,) `measured`, or `read` or why not.
     `centre_of_disc` tells what the `xy_px` of a dot is: True, the centre of area of the dot's image; False, the
     projection of the mark's centre, as synthetic points give it. A corner is always the projection of the corner.
+
+    `stations` are the images' names. Where several cameras took them, `cameras` names the camera of each image and
+    `places` where it, or the rig that holds it, stood: images of one camera at one place share their exterior
+    orientation, and so do the cameras of a rig but for their places in it. `times` are the images' numbers in time,
+    for targets that move between them. All three are empty where one camera took each image from a place of its own.
     """
 
     stations: tuple[str, ...]
@@ -42,13 +47,16 @@ class Observations:
     chi2: np.ndarray
     status: np.ndarray
     centre_of_disc: bool = True
+    cameras: tuple[str, ...] = ()
+    places: tuple[str, ...] = ()
+    times: tuple[int, ...] = ()
 
     def __len__(self) -> int:
         return len(self.station)
 
     def take(self, rows: np.ndarray) -> "Observations":
         """The rows of an index or a mask."""
-        return replace(self, **{f.name: getattr(self, f.name)[rows] for f in fields(self)[1:-1]})
+        return replace(self, **{name: getattr(self, name)[rows] for name in COLUMNS})
 
     @property
     def measured(self) -> "Observations":
@@ -61,23 +69,25 @@ class Observations:
         m = self.moments_px2
         return 4 * np.maximum(m[:, 0, 0] * m[:, 1, 1] - m[:, 0, 1] ** 2, 0) ** 0.25
 
+    def by(self, cameras: tuple[str, ...], places: tuple[str, ...], times: tuple[int, ...] = ()) -> "Observations":
+        """The same, its images by these cameras at these places and times."""
+        return replace(self, cameras=cameras, places=places, times=times)
+
     @staticmethod
     def join(parts: list["Observations"], stations: tuple[str, ...]) -> "Observations":
         """One set from one part for each station, in order."""
         columns: dict[str, Any] = {}
-        for f in fields(Observations)[1:-1]:
-            values = [getattr(part, f.name) for part in parts]
-            if f.name == "station":
+        for name in COLUMNS:
+            values = [getattr(part, name) for part in parts]
+            if name == "station":
                 values = [np.full(len(part), k) for k, part in enumerate(parts)]
-            columns[f.name] = np.concatenate(values)
+            columns[name] = np.concatenate(values)
         return replace(parts[0], stations=stations, **columns)
 
     @staticmethod
     def beside(parts: list["Observations"]) -> "Observations":
         """One set from parts that share their stations."""
-        columns: dict[str, Any] = {
-            f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Observations)[1:-1]
-        }
+        columns: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in COLUMNS}
         return replace(parts[0], **columns)
 
     def save(self, path: Path) -> None:
@@ -97,6 +107,8 @@ class Observations:
             }
         )  # fmt: skip
         notes = {"stations": "\n".join(self.stations), "centre_of_disc": str(self.centre_of_disc)}
+        for name, values in (("cameras", self.cameras), ("places", self.places), ("times", self.times)):
+            notes |= {name: "\n".join(map(str, values))} if values else {}
         pq.write_table(table.replace_schema_metadata(notes), path)
 
     @staticmethod
@@ -117,5 +129,11 @@ class Observations:
             notes["stations"], np.array([number[name] for name in column["station"]], int),
             np.column_stack([column["x_px"], column["y_px"]]), symmetric("cov"), symmetric("moment"),
             column["code"], column["board"], column["point"], column["chi2"], column["status"],
-            notes["centre_of_disc"],
+            notes["centre_of_disc"], notes["cameras"], notes["places"], notes["times"],
         )  # fmt: skip
+
+
+COLUMNS = (
+    "station", "xy_px", "cov_px2", "moments_px2", "code", "board", "point", "chi2", "status",
+)  # fmt: skip
+"""What there is of each row."""

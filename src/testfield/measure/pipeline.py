@@ -1,9 +1,8 @@
 """The one way from frames to results: detect, calibrate, reconstruct. Everybody who measures calls it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from inspect import signature
-from typing import Any
 
 from testfield.calibrate.calibration import Calibration
 from testfield.camera.images import Frame
@@ -13,7 +12,6 @@ from testfield.errors import TestfieldError
 from testfield.measure.recipe import Recipe
 from testfield.reconstruct.points import Points
 from testfield.registry import find
-from testfield.targets.camera_sheet import CameraSheet
 from testfield.targets.field import Field
 
 
@@ -49,24 +47,21 @@ def detect(frame: Frame, field: Field, recipe: Recipe) -> Observations:
 
 def calibrate(observations: Observations, field: Field, recipe: Recipe) -> Calibration:
     """Cameras, exterior orientations and boards. Raises `TestfieldError` where a calibrator cannot do the field."""
-    name, options = recipe.calibrator.name, options_for(field, recipe)
-    camera = only_camera(field)
-    return find("calibrators", name)(observations, field, camera.width_px, camera.height_px, **options)
-
-
-def options_for(field: Field, recipe: Recipe) -> dict[str, Any]:
-    """All options of the calibrator, those from the field sheet's cameras included."""
-    return {"lens": only_camera(field).lens, "hold": recipe.hold} | dict(recipe.calibrator.options)
-
-
-def only_camera(field: Field) -> CameraSheet:
-    """The field's one camera."""
-    if len(field.cameras) != 1:
+    name, options = recipe.calibrator.name, dict(recipe.calibrator.options)
+    cameras = tuple(replace(camera, lens=recipe.lens or camera.lens) for camera in field.cameras)
+    if not cameras:
         raise TestfieldError(
-            f"the field sheet lists {len(field.cameras)} cameras, and one is wanted", "field.json, cameras",
-            "list the camera that took the images",
-        )  # fmt: skip
-    return field.cameras[0]
+            "the field sheet lists no camera", "field.json, cameras", "list the cameras that took the images"
+        )
+    options = {"lens": cameras[0].lens, "hold": recipe.hold} | options
+    if len(cameras) > 1 or field.rigs:
+        if not takes_cameras(name):
+            raise TestfieldError(
+                f"'{name}' calibrates one camera, and the field sheet lists {len(cameras)}", "measure.calibrator",
+                "choose one that takes several, as stitched",
+            )  # fmt: skip
+        options["cameras"] = cameras
+    return find("calibrators", name)(observations, field, *cameras[0].size_px, **options)
 
 
 def reconstruct(observations: Observations, calibration: Calibration, field: Field, recipe: Recipe) -> Points:

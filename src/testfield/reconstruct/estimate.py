@@ -138,7 +138,8 @@ def _settle(sights: Sights, calibration: Calibration, method: Method) -> Solved:
 def solve(sights: Sights, calibration: Calibration, method: Method) -> Solved:
     """Points of all sights with all their rays."""
     n, k = sights.there.shape
-    xyz = meet_all(calibration.interior, calibration.stations, sights.station, sights.there, sights.xy_px)
+    camera = calibration.camera_of_image[sights.station]
+    xyz = meet_all(calibration.interiors, camera, calibration.stations, sights.station, sights.there, sights.xy_px)
     for _ in range(PASSES):
         rays = rays_of(sights, calibration, xyz)
         rays = rays.reprojected() if method.reprojected else rays

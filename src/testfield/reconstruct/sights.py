@@ -6,11 +6,11 @@ import numpy as np
 
 from testfield.adjust.normals import target_normals
 from testfield.calibrate.calibration import Calibration
-from testfield.camera.circle import disc_image
-from testfield.camera.interior import Interior
+from testfield.camera.circle import disc_centre_px
 from testfield.camera.lens import jacobian_xy
-from testfield.camera.pose import Poses, cross_matrix
+from testfield.camera.pose import cross_matrix
 from testfield.camera.project import camera_jacobian, plane_of
+from testfield.camera.several import by_camera
 from testfield.detect.observations import Observations
 from testfield.targets.field import Field
 
@@ -99,15 +99,29 @@ class Rays:
 
 def rays_of(sights: Sights, calibration: Calibration, xyz_mm: np.ndarray) -> Rays:
     """Rays of sights, linearised at points (n, 3)."""
-    interior, poses = calibration.interior, calibration.stations
+    camera = calibration.camera_of_image[sights.station]
+    centre = _centres_of_discs(sights, calibration, camera, xyz_mm)
+    parts = [
+        _rays_by(k, replace(sights, there=sights.there & (camera == k)), calibration, xyz_mm, centre)
+        for k in range(len(calibration.interiors))
+    ]
+    # What is no ray of a camera is zero in its part.
+    if len(parts) == 1:
+        return parts[0]
+    return Rays(**{name: np.sum([getattr(part, name) for part in parts], axis=0) for name in vars(parts[0])})
+
+
+def _rays_by(camera: int, sights: Sights, calibration: Calibration, xyz_mm: np.ndarray, centre_px: np.ndarray) -> Rays:
+    """The rays of one camera; all of them are given that are `there`."""
+    interior, poses = calibration.interiors[camera], calibration.stations
     n, k = sights.there.shape
     R = poses.R[sights.station]
     turned = np.einsum("nkij,nj->nki", R, xyz_mm)
     at_camera = turned + poses.t_mm[sights.station]
-    uv, by_interior, by_camera = camera_jacobian(interior, at_camera.reshape(-1, 3))
-    by_camera = by_camera.reshape(n, k, 2, 3)
+    uv, by_interior, by_place = camera_jacobian(interior, at_camera.reshape(-1, 3))
+    by_place = by_place.reshape(n, k, 2, 3)
     uv = uv.reshape(n, k, 2)
-    residual = sights.xy_px - _predicted(sights, interior, poses, xyz_mm, uv)
+    residual = sights.xy_px - np.where(np.isfinite(sights.radius_mm)[:, None, None], centre_px, uv)
     # What a disc adds to its centre's projection is taken away before the pixel becomes a ray.
     plane = plane_of(interior, uv + residual)
     slope = jacobian_xy(interior.lens, plane, interior.coefficients) * interior.parameters[:2, None]
@@ -116,35 +130,33 @@ def rays_of(sights: Sights, calibration: Calibration, xyz_mm: np.ndarray) -> Ray
     good = sights.there & np.isfinite(residual).all(axis=-1) & np.isfinite(plane).all(axis=-1)
 
     by_calibration = np.zeros((n, k, 2, len(calibration.labels)))
-    names = [name for name in interior.names if name in calibration.labels]
-    chosen = [interior.names.index(name) for name in names]
+    own = calibration.interior_unknowns(camera)
+    names = [name for name in own if name in calibration.labels]
+    chosen = [own.index(name) for name in names]
     by_calibration[..., calibration.index(names)] = by_interior.reshape(n, k, 2, len(interior.names))[..., chosen]
     unknowns = np.array([calibration.index(calibration.station_unknowns(s)) for s in range(len(poses))])
-    six = np.concatenate([-by_camera @ cross_matrix(turned), by_camera], axis=-1)
+    six = np.concatenate([-by_place @ cross_matrix(turned), by_place], axis=-1)
     index = unknowns[sights.station][:, :, None, :]
     np.put_along_axis(by_calibration, np.broadcast_to(index, (n, k, 2, 6)), six, axis=-1)
 
-    depth = at_camera[..., 2]
+    depth = at_camera[..., 2] if len(calibration.interiors) == 1 else np.where(sights.there, at_camera[..., 2], 0)
     to_line = depth[..., None, None] * np.linalg.inv(np.where(good[..., None, None], slope, np.eye(2)))
     keep = good[..., None, None]
     lines = np.where(keep, flat @ R, 0)
     # Measured from the present point, so that nothing is lost in large coordinates.
     misclosure = np.einsum("nkij,nkj->nki", lines, poses.origin_mm[sights.station] - xyz_mm[:, None, :])
     return Rays(
-        lines, depth, np.where(keep, to_line, 0), np.where(keep, by_camera @ R, 0), np.where(keep, by_calibration, 0),
+        lines, depth, np.where(keep, to_line, 0), np.where(keep, by_place @ R, 0), np.where(keep, by_calibration, 0),
         np.where(good[..., None], residual, 0), misclosure, np.where(good[..., None], plane, 0),
     )  # fmt: skip
 
 
-def _predicted(sights: Sights, interior: Interior, poses: Poses, xyz_mm: np.ndarray, uv_px: np.ndarray) -> np.ndarray:
-    """(n, k, 2) the pixel that is predicted for each ray: of the disc's centre of area, or of the point itself."""
+def _centres_of_discs(sights: Sights, calibration: Calibration, camera: np.ndarray, xyz_mm: np.ndarray) -> np.ndarray:
+    """(n, k, 2) centres in px of discs' images, zero where no discs are seen."""
     n, k = sights.there.shape
-    disc = np.isfinite(sights.radius_mm)
-    if not disc.any():
-        return uv_px
-    normal = target_normals(
-        interior, poses[sights.station.ravel()], sights.there, xyz_mm, sights.radius_mm, sights.moments_px2
-    )
+    if not np.isfinite(sights.radius_mm).any():
+        return np.zeros((n, k, 2))
+    poses, interiors, by = calibration.stations[sights.station.ravel()], calibration.interiors, camera.ravel()
+    normal = target_normals(interiors, by, poses, sights.there, xyz_mm, sights.radius_mm, sights.moments_px2)
     at, facing, radius = (np.repeat(values, k, axis=0) for values in (xyz_mm, normal, sights.radius_mm))
-    image = disc_image(interior, poses[sights.station.ravel()], at, facing, radius)
-    return np.where(disc[:, None, None], image.centroid_px.reshape(n, k, 2), uv_px)
+    return by_camera(disc_centre_px, interiors, by, poses, at, facing, radius).reshape(n, k, 2)

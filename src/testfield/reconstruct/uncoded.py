@@ -114,7 +114,7 @@ def _candidates(
     xy = np.stack([a_px[first], b_px[second]], axis=1)
     station = np.tile([i, j], (len(first), 1))
     try:
-        xyz = meet_all(interior, poses, station, np.ones(station.shape, bool), xy)
+        xyz = meet_all([interior], np.zeros_like(station), poses, station, np.ones(station.shape, bool), xy)
     except np.linalg.LinAlgError:
         return nothing
     depth = np.stack([poses.R[k, 2] @ xyz.T + poses.t_mm[k, 2] for k in (i, j)])
@@ -148,7 +148,7 @@ def _met(
     there = hit >= 0
     station = np.tile(np.arange(hit.shape[1]), (len(hit), 1))
     xy = xy_px[np.maximum(hit, 0)]
-    xyz = meet_all(interior, poses, station, there, xy)
+    xyz = meet_all([interior], np.zeros_like(station), poses, station, there, xy)
     size = np.zeros(hit.shape)
     for k in range(hit.shape[1]):
         at = project_camera(interior, poses[np.full(len(xyz), k)].apply(xyz))

@@ -92,7 +92,7 @@ class RayTrials:
         z = Plane(seed, "pixels").normals(trials, 2 * n * k).reshape(T, n, k, 2)
         noise = np.einsum("nkij,tnkj->tnki", np.linalg.cholesky(sights.cov_px2), z, optimize=True)
         off = Plane(seed, "calibration").normals(trials, len(self.root)) @ self.root.T
-        interior, R, t = self._cameras(off)
+        interiors, R, t = self._cameras(off)
         # Measured where the points were predicted, off by the residual that the estimate leaves.
         start = solved.xyz_mm
         same = np.broadcast_to(start, (1, n, 3))
@@ -101,7 +101,7 @@ class RayTrials:
         xyz = np.broadcast_to(start, (T, n, 3)).copy()
         gain = solved.gain
         for step in range(STEPS + 1):
-            residual = measured - np.where(sights.there[..., None], self._project(interior, R, t, xyz), 0)
+            residual = measured - np.where(sights.there[..., None], self._project(interiors, R, t, xyz), 0)
             if step < STEPS:
                 flat = residual.reshape(T, n, 2 * k).transpose(1, 2, 0)
                 # At the estimate the gain's residual is zero but for what the method's own lines leave.
@@ -122,18 +122,22 @@ class RayTrials:
         n, k = self.solved.sights.there.shape
         return np.einsum("nij,nj->ni", self.solved.gain, self.solved.rays.residual_px.reshape(n, 2 * k))
 
-    def _cameras(self, off: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Interior (T, p), rotations (T, S, 3, 3) and translations (T, S, 3) of deviations (T, P) of the unknowns."""
+    def _cameras(self, off: np.ndarray) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
+        """Interiors (T, p) of all cameras, rotations (T, S, 3, 3) and translations (T, S, 3) of the images, of
+        deviations (T, P) of the unknowns."""
         calibration, T = self.calibration, len(off)
-        interior = np.tile(calibration.interior.parameters, (T, 1))
-        names = [name for name in calibration.interior.names if name in calibration.labels]
-        interior[:, [calibration.interior.names.index(name) for name in names]] += off[:, calibration.index(names)]
+        interiors = []
+        for k, camera in enumerate(calibration.interiors):
+            interior, own = np.tile(camera.parameters, (T, 1)), calibration.interior_unknowns(k)
+            names = [name for name in own if name in calibration.labels]
+            interior[:, [own.index(name) for name in names]] += off[:, calibration.index(names)]
+            interiors.append(interior)
         stations = calibration.stations
         unknowns = np.array([calibration.index(calibration.station_unknowns(s)) for s in range(len(stations))])
         six = off[:, unknowns]
-        return interior, rotation(six[..., :3]) @ stations.R, stations.t_mm + six[..., 3:]
+        return interiors, rotation(six[..., :3]) @ stations.R, stations.t_mm + six[..., 3:]
 
-    def _project(self, interior: np.ndarray, R: np.ndarray, t: np.ndarray, xyz: np.ndarray) -> np.ndarray:
+    def _project(self, interiors: list[np.ndarray], R: np.ndarray, t: np.ndarray, xyz: np.ndarray) -> np.ndarray:
         """(T, n, k, 2) pixels."""
         station = self.solved.sights.station
         camera = np.empty((len(xyz), *station.shape, 3))
@@ -141,7 +145,15 @@ class RayTrials:
             point, slot = np.nonzero(station == s)
             camera[:, point, slot] = xyz[:, point] @ np.swapaxes(R[:, s], 1, 2) + t[:, s, None]
         plane = camera[..., :2] / camera[..., 2:]
-        camera_at = self.calibration.interior
+        uv = self._imaged(0, interiors[0], plane)
+        by = self.calibration.camera_of_image[station]
+        for k in range(1, len(interiors)):
+            uv = np.where((by == k)[..., None], self._imaged(k, interiors[k], plane), uv)
+        return uv
+
+    def _imaged(self, number: int, interior: np.ndarray, plane: np.ndarray) -> np.ndarray:
+        """(T, n, k, 2) pixels of places on the plane before the lens, all by the camera of this number."""
+        camera_at = self.calibration.interiors[number]
         own = 4 + len(camera_at.coefficients)
         bent = lens.distort(camera_at.lens, plane, interior[:, 4:own].T[:, :, None, None])
         uv = bent * interior[:, None, None, :2] + interior[:, None, None, 2:4]
