@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from testfield.detect.observation_table import MEASURED, read_table
-from testfield.targets.field import Field
+from testfield.targets.field import Field, code_at
 
 __all__ = ["MEASURED", "READ", "Observations"]
 
@@ -68,6 +68,13 @@ class Observations:
         """(n,) diameter of the circle of the dot's area."""
         m = self.moments_px2
         return 4 * np.maximum(m[:, 0, 0] * m[:, 1, 1] - m[:, 0, 1] ** 2, 0) ** 0.25
+
+    def at_times(self, moving: tuple[int, ...]) -> "Observations":
+        """The same, each moving target under the code that it has at the time of its image."""
+        if not self.times or not moving:
+            return self
+        time = np.array(self.times, int)[self.station]
+        return replace(self, code=np.where(np.isin(self.code, moving), code_at(self.code, time), self.code))
 
     def by(self, cameras: tuple[str, ...], places: tuple[str, ...], times: tuple[int, ...] = ()) -> "Observations":
         """The same, its images by these cameras at these places and times."""

@@ -47,6 +47,7 @@ def detect(frame: Frame, field: Field, recipe: Recipe) -> Observations:
 
 def calibrate(observations: Observations, field: Field, recipe: Recipe) -> Calibration:
     """Cameras, exterior orientations and boards. Raises `TestfieldError` where a calibrator cannot do the field."""
+    observations, field = by_time(observations, field)
     name, options = recipe.calibrator.name, dict(recipe.calibrator.options)
     cameras = tuple(replace(camera, lens=recipe.lens or camera.lens) for camera in field.cameras)
     if not cameras:
@@ -64,9 +65,16 @@ def calibrate(observations: Observations, field: Field, recipe: Recipe) -> Calib
     return find("calibrators", name)(observations, field, *cameras[0].size_px, **options)
 
 
+def by_time(observations: Observations, field: Field) -> tuple[Observations, Field]:
+    """Observations and field in which a target that moves is another one at every time."""
+    times = 1 + max(observations.times, default=0)
+    return observations.at_times(field.moving), field.at_times(times)
+
+
 def reconstruct(observations: Observations, calibration: Calibration, field: Field, recipe: Recipe) -> Points:
     """Targets that belong to no board, with their joint covariance."""
     method = recipe.reconstructor
+    observations, field = by_time(observations, field)
     return find("reconstructors", method.name)(observations, calibration, field, **method.options)
 
 

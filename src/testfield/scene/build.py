@@ -212,7 +212,7 @@ def build_world(scene: SceneFile, workshop: int | None = None) -> World:
         for code, side in zip(bar.codes, (-0.5, 0.5), strict=True):
             parts.mark(panel, np.array([side * true_length, 0]), bar.diameter_mm, code, BAR)
             loose[code] = bar.diameter_mm
-        bars.append(ScaleBar(bar.name, bar.role, bar.codes, bar.length_mm, bar.u_length_mm))
+        bars.append(ScaleBar(bar.name, bar.role, bar.codes, bar.length_mm, bar.u_length_mm, bool(bar.moves)))
         keep_clear.append((np.array(bar.position_mm), 60.0))
 
     on_lines, lines = generators.line_cards(scene.measuring_lines, made)

@@ -2,9 +2,11 @@
 
 import numpy as np
 
+from testfield.camera.pose import rotation
 from testfield.errors import TestfieldError
 from testfield.scene.frames import camera_looking, unit
 from testfield.scene.schema import (
+    Aimed,
     CheckGrid,
     CheckOnBoard,
     CheckOnMesh,
@@ -14,6 +16,7 @@ from testfield.scene.schema import (
     StationArc,
     StationGrid,
     StationPart,
+    StationPose,
     StationRandom,
     StationSingle,
 )
@@ -33,25 +36,32 @@ def stations(parts: tuple[StationPart, ...], seed: int) -> tuple[list[str], np.n
         # Counted among its like, so that other stations listed before it leave it where it was.
         nth = sum(isinstance(p, StationRandom) and p.seed == getattr(part, "seed", 0) for p in parts[:number])
         for k, position in enumerate(_station_positions(part, nth, seed)):
-            name = part.name if isinstance(part, StationSingle) and part.name else f"station{len(names) + 1:02d}"
+            named = isinstance(part, (StationSingle, StationPose)) and part.name
+            name = named or f"station{len(names) + 1:02d}"
             if name in names:
                 raise TestfieldError(f"two stations are called '{name}'", f"stations[{number}].name", "rename one")
-            try:
-                R, t = camera_looking(
-                    position, np.array(part.look_at_mm), np.radians(part.roll_deg[k % len(part.roll_deg)])
-                )
-            except ValueError as error:
-                raise TestfieldError(str(error), f"stations[{number}]", "move position_mm or look_at_mm") from error
+            if isinstance(part, StationPose):
+                R = rotation(np.radians(part.rotation_deg))
+                t = -R @ position
+            else:
+                R, t = _looking(part, number, k, position)
             names.append(name)
             rotations.append(R)
             translations.append(t)
     return names, np.array(rotations), np.array(translations)
 
 
+def _looking(part: Aimed, number: int, k: int, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    try:
+        return camera_looking(position, np.array(part.look_at_mm), np.radians(part.roll_deg[k % len(part.roll_deg)]))
+    except ValueError as error:
+        raise TestfieldError(str(error), f"stations[{number}]", "move position_mm or look_at_mm") from error
+
+
 def _station_positions(part: StationPart, nth: int, seed: int) -> np.ndarray:
     """(n, 3) positions; `nth` counts the random arrangements of one seed."""
-    if isinstance(part, StationSingle):
-        return np.array([part.position_mm])
+    if isinstance(part, (StationSingle, StationPose)):
+        return np.array([part.position_mm], float)
     if isinstance(part, StationArc):
         azimuth = np.radians(
             np.linspace(*part.azimuth_deg, part.count) if part.count > 1 else [np.mean(part.azimuth_deg)]

@@ -14,7 +14,20 @@ from testfield.store.toml import parse_toml, read_toml
 
 UNITS = ("mm", "um", "px", "deg", "ms", "dn", "e", "ppm", "m", "cm", "rad", "s", "nm")
 
-BRANCHES = ("single", "arc", "ring", "grid", "random", "on_board", "on_mesh", "area", "point", "gradient", "map")
+BRANCHES = (
+    "single",
+    "pose",
+    "arc",
+    "ring",
+    "grid",
+    "random",
+    "on_board",
+    "on_mesh",
+    "area",
+    "point",
+    "gradient",
+    "map",
+)
 """Kinds of stations, targets and lights, which pydantic writes into the places of errors."""
 
 

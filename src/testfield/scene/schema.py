@@ -229,6 +229,42 @@ class ExposurePart(_Part):
     )  # fmt: skip
 
 
+class NamedCameraPart(CameraPart):
+    """One of several cameras."""
+
+    name: Name = Field(description="Unique name; images are called after their station and it.")
+    sensor: SensorPart | None = Field(None, description="Its sensor; absent, the scene's.")
+    exposure: ExposurePart | None = Field(None, description="Its exposure; absent, the scene's.")
+
+
+class RigMemberPart(_Part):
+    """A camera in its rig. The rig's frame is such as a camera's: x right, y down, z forward."""
+
+    camera: Name = Field(description="Name of the camera.")
+    position_mm: Vector3 = Field((0, 0, 0), description="Its projection centre in the rig's frame.")
+    rotation_deg: Vector3 = Field((0, 0, 0), description="Rotation vector that turns the rig's axes into its own.")
+    u_position_mm: PositiveFloat | None = Field(
+        None, description="Standard uncertainty with which its position beside the rig's first camera is stated; with "
+        "u_rotation_deg absent, nothing is stated.",
+    )  # fmt: skip
+    u_rotation_deg: PositiveFloat | None = Field(
+        None, description="The same of its turn about each axis, beside the rig's first camera."
+    )
+
+    @model_validator(mode="after")
+    def _both_or_none(self) -> "RigMemberPart":
+        if (self.u_position_mm is None) != (self.u_rotation_deg is None):
+            raise ValueError("give both u_position_mm and u_rotation_deg, or none of them")
+        return self
+
+
+class RigPart(_Part):
+    """A bar or a frame that holds cameras at poses that stay the same from station to station."""
+
+    name: Name = Field(description="Unique name.")
+    cameras: tuple[RigMemberPart, ...] = Field(min_length=2, max_length=100, description="The cameras that it holds.")
+
+
 class ExtensionZone(_Part):
     """A grid of plain circular dots."""
 
@@ -456,6 +492,14 @@ class BoardPart(_Part):
         return self
 
 
+class MovePart(_Part):
+    """Where a scale bar lies at a later time."""
+
+    position_mm: Vector3 = Field(description="Where its middle is.")
+    direction: Direction = Field((1, 0, 0), description="From the first target to the second; any length.")
+    normal: Direction = Field((0, -1, 0), description="Direction the targets face.")
+
+
 class ScaleBarPart(_Part):
     """A bar with a ring-coded target at either end."""
 
@@ -474,6 +518,9 @@ class ScaleBarPart(_Part):
     position_mm: Vector3 = Field(description="Where the middle of the bar is.")
     direction: Direction = Field((1, 0, 0), description="From the first target to the second; any length.")
     normal: Direction = Field((0, -1, 0), description="Direction the targets face; made square to `direction`.")
+    moves: tuple[MovePart, ...] = Field(
+        (), max_length=1000, description="Where it lies at later times, at each of which every camera takes an image."
+    )
 
 
 class CheckSingle(_Part):
@@ -579,14 +626,18 @@ class AcceptancePart(_Part):
     b_mm: PositiveFloat | None = Field(None, description="B: the most that the limit may be; absent for none.")
 
 
-class _Aimed(_Part):
+class Aimed(_Part):
+    """A station that looks at a point."""
+
     look_at_mm: Vector3 = Field((0, 0, 1500), description="Point the optical axis goes through.")
     roll_deg: tuple[float, ...] = Field(
         (0,), min_length=1, description="Rotation about the optical axis, taken in turn by the stations."
     )
+    camera: Name | None = Field(None, description="Which of several cameras stands here; absent where there is one.")
+    rig: Name | None = Field(None, description="Which rig stands here, its origin in the place of a camera's.")
 
 
-class StationSingle(_Aimed):
+class StationSingle(Aimed):
     """One station."""
 
     generator: Literal["single"] = "single"
@@ -594,7 +645,18 @@ class StationSingle(_Aimed):
     position_mm: Vector3 = Field(description="Projection centre.")
 
 
-class StationArc(_Aimed):
+class StationPose(_Part):
+    """One station whose exterior orientation is known by numbers."""
+
+    generator: Literal["pose"]
+    name: Name = Field(description="Name of the station.")
+    position_mm: Vector3 = Field(description="Projection centre.")
+    rotation_deg: Vector3 = Field(description="Rotation vector from the world's axes to the camera's.")
+    camera: Name | None = Field(None, description="Which of several cameras stands here; absent where there is one.")
+    rig: Name | None = Field(None, description="Which rig stands here.")
+
+
+class StationArc(Aimed):
     """Stations on a horizontal arc around `look_at_mm`; azimuth 0 looks along +y, positive to the right of it."""
 
     generator: Literal["arc"]
@@ -604,7 +666,7 @@ class StationArc(_Aimed):
     azimuth_deg: Pair = Field((-45, 45), description="First and last azimuth.")
 
 
-class StationRing(_Aimed):
+class StationRing(Aimed):
     """Stations on a full circle around `look_at_mm` in a plane square to `axis`."""
 
     generator: Literal["ring"]
@@ -614,14 +676,14 @@ class StationRing(_Aimed):
     axis: Direction = Field((0, 1, 0), description="Direction square to the circle.")
 
 
-class StationGrid(_Aimed, _Box):
+class StationGrid(Aimed, _Box):
     """Stations on a regular lattice."""
 
     generator: Literal["grid"]
     counts: tuple[Count, Count, Count] = Field(description="How many along x, y and z.")
 
 
-class StationRandom(_Aimed, _Box):
+class StationRandom(Aimed, _Box):
     """Stations at random places of a box."""
 
     generator: Literal["random"]
@@ -630,7 +692,8 @@ class StationRandom(_Aimed, _Box):
 
 
 StationPart = Annotated[
-    StationSingle | StationArc | StationRing | StationGrid | StationRandom, Field(discriminator="generator")
+    StationSingle | StationPose | StationArc | StationRing | StationGrid | StationRandom,
+    Field(discriminator="generator"),
 ]
 
 
@@ -851,6 +914,10 @@ class SceneFile(_Part):
     camera: CameraPart = CameraPart()
     sensor: SensorPart = SensorPart()
     exposure: ExposurePart = ExposurePart()
+    cameras: tuple[NamedCameraPart, ...] = Field(
+        (), max_length=100, description="Several cameras by name, in the place of `camera`."
+    )
+    rigs: tuple[RigPart, ...] = Field((), max_length=100, description="What holds cameras together.")
     paint: PaintPart = PaintPart()
     room: RoomPart = RoomPart()
     boards: tuple[BoardPart, ...] = Field(

@@ -12,6 +12,7 @@ from testfield.scene.schema import (
     SceneFile,
     StationGrid,
     StationPart,
+    StationPose,
     StationSingle,
 )
 
@@ -24,11 +25,14 @@ MOST_VIEWS = 20_000_000
 
 def check_sizes(scene: SceneFile, source: str) -> None:
     """Raise `TestfieldError` where a scene would have more pixels, stations, marks or views than can be held."""
-    pixels = scene.camera.width_px * scene.camera.height_px
-    _at_most(pixels, MOST_PIXELS, "pixels", f"{source}, camera.width_px")
+    for camera, where in [(scene.camera, "camera"), *((one, f"cameras[{k}]") for k, one in enumerate(scene.cameras))]:
+        _at_most(camera.width_px * camera.height_px, MOST_PIXELS, "pixels", f"{source}, {where}.width_px")
     stations = [stations_of(part) for part in scene.stations]
     _at_most(max(stations), MOST_STATIONS, "stations", f"{source}, stations[{stations.index(max(stations))}]")
-    _at_most(sum(stations), MOST_STATIONS, "stations", f"{source}, stations")
+    times = 1 + max((len(bar.moves) for bar in scene.scale_bars), default=0)
+    held = max((len(rig.cameras) for rig in scene.rigs), default=1)
+    images = times * held * sum(stations)
+    _at_most(images, MOST_STATIONS, "images" if times * held > 1 else "stations", f"{source}, stations")
     boards = [marks_of(part) for part in scene.boards]
     checks = [checks_of(part) for part in scene.check_targets]
     for name, counts in (("boards", boards), ("check_targets", checks)):
@@ -38,12 +42,12 @@ def check_sizes(scene: SceneFile, source: str) -> None:
     others = 2 * len(scene.scale_bars) + sum(1 + len(line.lengths_mm) for line in scene.measuring_lines)
     marks = sum(boards) + sum(checks) + others
     _at_most(marks, MOST_MARKS, "targets", f"{source}, boards and check_targets")
-    _at_most(marks * sum(stations), MOST_VIEWS, "stations times targets", f"{source}, stations")
+    _at_most(marks * images, MOST_VIEWS, "stations times targets", f"{source}, stations")
 
 
 def stations_of(part: StationPart) -> int:
     """How many stations a part becomes."""
-    if isinstance(part, StationSingle):
+    if isinstance(part, (StationSingle, StationPose)):
         return 1
     return prod(part.counts) if isinstance(part, StationGrid) else part.count
 

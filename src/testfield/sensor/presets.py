@@ -22,6 +22,8 @@ def with_preset(scene: dict[str, Any]) -> dict[str, Any]:
 
     Data without a known preset come back as they are; what is wrong with them is told by the schema.
     """
+    if isinstance(scene.get("cameras"), list):
+        scene = scene | {"cameras": [_camera_with_preset(one) for one in scene["cameras"]]}
     sensor, camera = scene.get("sensor", {}), scene.get("camera", {})
     if not isinstance(sensor, dict) or not isinstance(camera, dict) or not isinstance(sensor.get("preset"), str):
         return scene
@@ -29,3 +31,11 @@ def with_preset(scene: dict[str, Any]) -> dict[str, Any]:
     body = {name: value for name, value in figures.items() if name in OF_THE_CAMERA}
     chip = {name: value for name, value in figures.items() if name not in (*OF_THE_CAMERA, *ABOUT)}
     return scene | {"sensor": chip | sensor, "camera": body | camera}
+
+
+def _camera_with_preset(camera: Any) -> Any:
+    """One of several cameras with what its own `sensor.preset` says."""
+    if not isinstance(camera, dict) or "sensor" not in camera:
+        return camera
+    filled = with_preset({"sensor": camera["sensor"], "camera": {k: v for k, v in camera.items() if k != "sensor"}})
+    return filled["camera"] | {"sensor": filled["sensor"]}

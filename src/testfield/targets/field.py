@@ -1,9 +1,9 @@
 """The field sheet: everything a measuring person is told about the field, and nothing that is only true."""
 
 import json
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import pydantic
@@ -53,13 +53,24 @@ class NominalBoard:
 
 @dataclass(frozen=True)
 class ScaleBar:
-    """Two coded targets at a certified centre-to-centre distance. `role` is `control` or `check`."""
+    """Two coded targets at a certified centre-to-centre distance. `role` is `control` or `check`; `moved` whether it
+    lies elsewhere at every time at which the cameras took images."""
 
     name: str
     role: str
     codes: tuple[int, int]
     length_mm: float
     u_length_mm: float
+    moved: bool = False
+
+
+TIME = 100_000
+"""More than the highest code: what a moved target's code grows by with every time."""
+
+
+def code_at(code: Any, time: Any) -> Any:
+    """The code under which a moved target is known at a time: a point of its own."""
+    return code + TIME * time
 
 
 @dataclass(frozen=True)
@@ -107,6 +118,36 @@ class Field:
     rigs: tuple[RigSheet, ...] = ()
 
     @property
+    def moving(self) -> tuple[int, ...]:
+        """Codes of targets that lie elsewhere at every time."""
+        return tuple(code for bar in self.scale_bars if bar.moved for code in bar.codes)
+
+    def at_times(self, times: int) -> "Field":
+        """The field with every moved bar once for each time, under codes of that time.
+
+        A control bar's certified length is the same at all of them, and so is its error: n lengths of it tell the scale
+        no better than one, so that each is given the standard uncertainty sqrt(n) u.
+        """
+        if not self.moving or times == 1:
+            return self
+        bars: list[ScaleBar] = []
+        for bar in self.scale_bars:
+            each = bar.u_length_mm * (np.sqrt(times) if bar.role == "control" else 1.0)
+            bars += [
+                replace(
+                    bar,
+                    name=f"{bar.name} @{time}",
+                    codes=(code_at(bar.codes[0], time), code_at(bar.codes[1], time)),
+                    u_length_mm=float(each),
+                )
+                for time in range(times)
+            ] if bar.moved else [bar]  # fmt: skip
+        loose = dict(self.loose)
+        for code in self.moving:
+            loose |= {code_at(code, time): self.loose[code] for time in range(times)}
+        return replace(self, scale_bars=tuple(bars), loose=loose)
+
+    @property
     def radii(self) -> RingRadii:
         """The rings' shape."""
         return RADII[self.code_radii]
@@ -127,7 +168,10 @@ class Field:
             }
             for b in self.boards
         ]
-        bars = [bar.__dict__ | {"codes": list(bar.codes)} for bar in self.scale_bars]
+        bars = [
+            {key: value for key, value in vars(bar).items() if key != "moved" or value} | {"codes": list(bar.codes)}
+            for bar in self.scale_bars
+        ]
         sheet = {
             "format": FORMAT,
             "bits": self.bits,
@@ -149,7 +193,7 @@ class Field:
         """Read what `save` wrote. Raises `TestfieldError` where types, names, lengths or numbers are not such."""
         sheet = checked(_Sheet, read_json(path))
         boards = tuple(_board(b, sheet.bits) for b in sheet.boards)
-        bars = tuple(ScaleBar(b.name, b.role, b.codes, b.length_mm, b.u_length_mm) for b in sheet.scale_bars)
+        bars = tuple(ScaleBar(b.name, b.role, b.codes, b.length_mm, b.u_length_mm, b.moved) for b in sheet.scale_bars)
         wands = tuple(Wand(w.name, w.codes, w.at_mm, w.u_mm) for w in sheet.wands)
         lines = tuple(MeasuringLine(v.name, v.codes, v.length_mm, v.u_length_mm) for v in sheet.measuring_lines)
         if sheet.code_radii not in RADII:
@@ -215,6 +259,7 @@ class _BarSheet(Sheet):
     codes: tuple[Count, Count]
     length_mm: Length
     u_length_mm: Uncertainty
+    moved: bool = False
 
 
 class _WandSheet(Sheet):
