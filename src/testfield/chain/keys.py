@@ -53,9 +53,11 @@ def render_keys(scene: SceneFile, world: World) -> RenderKeys:
     return RenderKeys(light_key, keys)
 
 
-def expose_key(scene: SceneFile, station: str, radiance: str) -> str:
-    """Key of a station's frame, from radiance of these bytes."""
-    return digest(code_digest("testfield.sensor.expose"), radiance, sensor_of(scene), scene.seed, station)
+def expose_key(scene: SceneFile, station: str, radiance: str, sensor_seed: int | None = None) -> str:
+    """Key of a station's frame, from radiance of these bytes, by a sensor whose fixed patterns are of a seed of their
+    own where it is not the only one."""
+    seeds = (scene.seed, scene.seed if sensor_seed is None else sensor_seed)
+    return digest(code_digest("testfield.sensor.expose"), radiance, sensor_of(scene), seeds, station)
 
 
 def detect_key(scene: SceneFile, field: Field, frames: list[str]) -> str:

@@ -15,14 +15,13 @@ from testfield import __version__
 from testfield.camera.interior import check_held
 from testfield.chain.code import PACKAGES, code_digest, package_version
 from testfield.chain.recipe import recipe_of
+from testfield.chain.truth import Truth
 from testfield.errors import TestfieldError
 from testfield.registry import STAGES, find, names
 from testfield.scene import meshes, sky
-from testfield.scene.build import build_world
-from testfield.scene.check import check_scene
 from testfield.scene.load import load_scene, parse_scene
 from testfield.scene.schema import MapPart, SceneFile
-from testfield.scene.truth import Views, see
+from testfield.scene.truth import Views
 from testfield.scene.world import World
 from testfield.score.scorecard import load_scorecard
 from testfield.store.atomic import sweep
@@ -43,17 +42,19 @@ class Run:
     jobs: int = 1
 
     @cached_property
+    def truth(self) -> Truth:
+        """The truth, camera by camera and of all together."""
+        return Truth.of(self.scene, self.source)
+
+    @property
     def world(self) -> World:
         """The world with its truth."""
-        try:
-            return build_world(self.scene)
-        except TestfieldError as error:
-            raise TestfieldError(error.what, f"{self.source}, {error.where}", error.do) from error
+        return self.truth.world
 
-    @cached_property
+    @property
     def views(self) -> Views:
         """What each station truly sees."""
-        return see(self.world)
+        return self.truth.views
 
     @cached_property
     def field(self) -> Field:
@@ -99,7 +100,7 @@ def checked(scene_path: Path, out: Path | None, seed: int | None, jobs: int) -> 
     folder = out or Path("renders") / scene.name
     run = Run(folder, scene, str(scene_path), Ledger(folder), jobs)
     check_algorithms(scene, str(scene_path))
-    return run, content, check_scene(scene, run.world, run.views, str(scene_path))
+    return run, content, run.truth.check(str(scene_path))
 
 
 def lay_out(run: Run, content: bytes, warnings: list[str]) -> None:
@@ -118,7 +119,7 @@ def lay_out(run: Run, content: bytes, warnings: list[str]) -> None:
     for source, name in named:  # so that the folder needs nothing outside it
         if source.resolve() != (folder / name).resolve():
             run.ledger.make(name, file_digest(source), partial(shutil.copyfile, source))
-    field = run.world.field
+    field = run.truth.told
     run.ledger.make("field.json", field_key(field), field.save, world=digest(field))
     run.ledger.note(
         scene=scene.name, seed=scene.seed, command=" ".join(["testfield", *sys.argv[1:]]),
@@ -144,7 +145,8 @@ def check_algorithms(scene: SceneFile, source: str) -> None:
                 f"{source}, measure.{field}",
                 f"choose one of {', '.join(names(stage))}",
             )
-    check_held(scene.measure.hold, scene.measure.lens or scene.camera.lens, f"{source}, measure.hold")
+    for camera in scene.cameras or (scene.camera,):
+        check_held(scene.measure.hold, scene.measure.lens or camera.lens, f"{source}, measure.hold")
     _check_board(scene, source)
     recipe_of(scene).check(f"{source}, measure")
 
@@ -185,7 +187,7 @@ def resume(folder: Path, jobs: int) -> Run:
     check_algorithms(run.scene, str(path))
     known = run.ledger.files.get("field.json")
     # Which field a sheet shows, not which code wrote it; earlier versions did not enter it.
-    if known is not None and known.world not in ("", digest(run.world.field)):
+    if known is not None and known.world not in ("", digest(run.truth.told)):
         raise TestfieldError(
             "the scene has changed since its field sheet (field.json) was written", str(path), _advice("run", folder)
         )

@@ -8,6 +8,7 @@ from typing import Any
 
 from testfield.chain.belongs import check_truth, exposed_world, rendered_world, world_of
 from testfield.chain.keys import (
+    RenderKeys,
     calibrate_key,
     detect_key,
     expose_key,
@@ -20,6 +21,8 @@ from testfield.chain.progress import bar
 from testfield.chain.recipe import recipe_of
 from testfield.chain.run import Run
 from testfield.errors import TestfieldError
+from testfield.scene.parts import ScenePart
+from testfield.scene.world import World
 from testfield.seeds import seed_of
 from testfield.store.digests import file_digest
 from testfield.store.pool import process_pool
@@ -31,16 +34,37 @@ Made = tuple[int, int]
 
 def render(run: Run) -> Made:
     """Radiance of every station, and the light on every panel that they share."""
-    world, settings = run.world, run.scene.render
-    fast = settings.mode == "fast"
-    made_from = render_keys(run.scene, world)
-    light_key, keys = made_from.light, made_from.images
-    shown = rendered_world(run.scene)
-    stale = [k for k, name in enumerate(run.stations) if not run.ledger.fresh(f"radiance/{name}.exr", keys[name])]
-    for name in {name for k, name in enumerate(run.stations) if k not in stale}:
-        run.ledger.shows(f"radiance/{name}.exr", shown)
-    if not stale:
-        return 0, len(keys)
+    shown, todo = rendered_world(run.scene), []
+    for part, world in zip(run.truth.parts, run.truth.worlds, strict=True):
+        made_from = render_keys(part.scene, world)
+        stale = []
+        for k, name in enumerate(world.station_name):
+            if run.ledger.fresh(f"radiance/{name}.exr", made_from.images[name]):
+                run.ledger.shows(f"radiance/{name}.exr", shown)
+            else:
+                stale.append(k)
+        if stale:
+            todo.append((part, world, made_from, stale))
+    count = sum(len(stale) for *_, stale in todo)
+    if count:
+        with bar("render", count, "views") as move:
+            for part, world, made_from, stale in todo:
+                _render_part(run, part, world, made_from, stale, move)
+    return count, len(run.stations)
+
+
+def _render_part(
+    run: Run,
+    part: ScenePart,
+    world: World,
+    made_from: RenderKeys,
+    stale: list[int],
+    move: Callable[[float], None],
+) -> None:
+    """Radiance of those images of a part that are `stale`."""
+    settings, keys = run.scene.render, made_from.images
+    fast, shown = settings.mode == "fast", rendered_world(run.scene)
+    light_file = f"radiance/light-t{part.time:02d}.npz" if part.time else "radiance/light.npz"
 
     from testfield.render.irradiance import Irradiance, compute_irradiance
     from testfield.render.stage import build_stage
@@ -50,51 +74,49 @@ def render(run: Run) -> Made:
     light = Irradiance.even(len(world.panels), 0.0)  # not asked for where every image is path traced
     if fast and fast_carries(world):
         seed = seed_of(world.seed, "light") & 0x7FFFFFFF
-        with bar("light", 1, "scene") as move:
+        with bar("light", 1, "scene") as lighten:
             run.ledger.make(
-                "radiance/light.npz",
-                light_key,
+                light_file,
+                made_from.light,
                 lambda path: compute_irradiance(
-                    stage, settings.light_spacing_mm, settings.light_paths, seed, move
+                    stage, settings.light_spacing_mm, settings.light_paths, seed, lighten
                 ).save(path),
             )
-        light = Irradiance.load(run.folder / "radiance/light.npz")
-    with bar("render", len(stale), "views") as move:
-        for k in stale:
-            name = run.stations[k]
-            seed = seed_of(world.seed, f"path/{name}") & 0x7FFFFFFF
-            if fast:
-                image, making = render_view(
-                    stage, light, k, settings.cells, settings.noise_target, settings.most_samples, seed, move,
-                    settings.blur_shots,
-                )  # fmt: skip
-            else:
-                image, making = render_reference(stage, k, settings.samples, seed, move)
-            run.ledger.make(f"radiance/{name}.exr", keys[name], image.save, world=shown)
-            run.ledger.note(images=run.ledger.notes.get("images", {}) | {name: asdict(making)})
-    return len(stale), len(keys)
+        light = Irradiance.load(run.folder / light_file)
+    for k in stale:
+        name = world.station_name[k]
+        seed = seed_of(world.seed, f"path/{name}") & 0x7FFFFFFF
+        if fast:
+            image, making = render_view(
+                stage, light, k, settings.cells, settings.noise_target, settings.most_samples, seed, move,
+                settings.blur_shots,
+            )  # fmt: skip
+        else:
+            image, making = render_reference(stage, k, settings.samples, seed, move)
+        run.ledger.make(f"radiance/{name}.exr", keys[name], image.save, world=shown)
+        run.ledger.note(images=run.ledger.notes.get("images", {}) | {name: asdict(making)})
 
 
 def expose(run: Run) -> Made:
     """A digital frame of every station. Raises `TestfieldError` where somebody has put one of their own."""
     from testfield.scene.exposure import sensor_of
 
-    scene = run.scene
-    sensor = sensor_of(scene)
-    size = (scene.camera.height_px, scene.camera.width_px)
     refuse_frames_of_others(run)
     work = []
-    for name in run.stations:
+    for part, _, _, name in run.truth.images():
+        scene = part.scene
+        sensor, size = sensor_of(scene), (scene.camera.height_px, scene.camera.width_px)
         source = run.need(f"radiance/{name}.exr", "render")
-        key = expose_key(scene, name, file_digest(source))
+        key = expose_key(scene, name, file_digest(source), part.sensor_seed)
         pair = frame_names(name)
         rendered = world_of(run, [f"radiance/{name}.exr"])
-        world = exposed_world(scene, rendered) if rendered else ""
+        world = exposed_world(run.scene, rendered) if rendered else ""
         if all(run.ledger.fresh(file, key) for file in pair):
             for file in pair:
                 run.ledger.shows(file, world)
         else:
-            work.append((source, run.folder / pair[0], size, sensor, scene.seed, pair, key, world))
+            seeds = (part.sensor_seed, scene.seed)
+            work.append((source, run.folder / pair[0], size, sensor, seeds, pair, key, world))
     for parts, key, world in _each(run, "expose", _expose_one, work, "frames"):
         run.ledger.place(parts, key, world=world)
     return len(work), len(run.stations)
@@ -130,7 +152,7 @@ def _expose_one(work: tuple) -> tuple[dict[str, Path], str, str]:
     from testfield.camera.images import Radiance
     from testfield.store.atomic import part_path
 
-    source, target, size, sensor, seed, (image, sheet), key, world = work
+    source, target, size, sensor, (sensor_seed, seed), (image, sheet), key, world = work
     part = part_path(target)
     part.parent.mkdir(parents=True, exist_ok=True)
     radiance = Radiance.load(source)
@@ -139,7 +161,7 @@ def _expose_one(work: tuple) -> tuple[dict[str, Path], str, str]:
             f"an image of '{radiance.station}' of {radiance.values.shape[1]} x {radiance.values.shape[0]} px, and "
             f"'{source.stem}' of {size[1]} x {size[0]} px is wanted", str(source), "render again",
         )  # fmt: skip
-    sensor_room.expose(radiance, sensor, seed).save(part)
+    sensor_room.expose(radiance, sensor, sensor_seed, noise_seed=seed).save(part)
     return {image: part, sheet: part.with_suffix(".json")}, key, world
 
 
@@ -147,7 +169,7 @@ def detect(run: Run) -> Made:
     """Observations of all frames together."""
     from testfield.detect.observations import Observations
 
-    recipe, camera = recipe_of(run.scene), run.scene.camera
+    recipe = recipe_of(run.scene)
     sources = [run.need(f"frames/{name}.png", "expose") for name in run.stations]
     sheets = [run.need(f"frames/{name}.json", "expose") for name in run.stations]
     key = detect_key(run.scene, run.field, [file_digest(path) for path in sources + sheets])
@@ -155,10 +177,12 @@ def detect(run: Run) -> Made:
     if run.ledger.fresh("observations.parquet", key):
         run.ledger.shows("observations.parquet", world)
         return 0, 1
-    size = (camera.width_px, camera.height_px)
-    work = [(source, name, run.field, recipe, size) for source, name in zip(sources, run.stations, strict=True)]
+    work = [
+        (source, name, run.field, recipe, (part.scene.camera.width_px, part.scene.camera.height_px))
+        for source, (part, _, _, name) in zip(sources, run.truth.images(), strict=True)
+    ]
     parts = list(_each(run, "detect", _detect_one, work, "frames"))
-    observations = Observations.join(parts, run.stations)
+    observations = run.truth.by_cameras(Observations.join(parts, run.stations))
     return int(run.ledger.make("observations.parquet", key, observations.save, world=world)), 1
 
 
@@ -185,8 +209,8 @@ def calibrate(run: Run) -> Made:
     key = calibrate_key(run.scene, run.field, file_digest(source))
 
     def write(path: Path) -> None:
-        size = (run.scene.camera.width_px, run.scene.camera.height_px)
-        calibrate(Observations.load(source, run.field, size), run.field, recipe_of(run.scene)).save(path)
+        seen = Observations.load(source, run.field, run.truth.largest_px)
+        calibrate(seen, run.field, recipe_of(run.scene)).save(path)
 
     world = world_of(run, ["observations.parquet"])
     return int(run.ledger.make("calibration.json", key, write, [source], world)), 1
@@ -203,8 +227,7 @@ def reconstruct(run: Run) -> Made:
 
     def write(path: Path) -> None:
         camera = Calibration.load(calibration)
-        size = (camera.interior.width_px, camera.interior.height_px)
-        seen = Observations.load(observations, run.field, size)
+        seen = Observations.load(observations, run.field, run.truth.largest_px)
         reconstruct(seen, camera, run.field, recipe_of(run.scene)).save(path)
 
     world = world_of(run, ["observations.parquet", "calibration.json"])
@@ -225,7 +248,11 @@ def score(run: Run) -> Made:
     key = score_key(run.scene, run.world, [file_digest(path) for path in inputs], times)
 
     def write(path: Path) -> None:
-        write_scorecard(scorecard(run.world, run.views, *inputs) | {"time_s": times}, path)
+        observations, calibration, points = inputs
+        card = scorecard(
+            run.world, run.views, observations, calibration, points, cameras=run.truth.cameras, rigs=run.scene.rigs
+        )
+        write_scorecard(card | {"time_s": times}, path)
 
     return int(run.ledger.make("scorecard.json", key, write, inputs)), 1
 

@@ -66,8 +66,9 @@ class Trials:
         if self.depth == "exposure":
             modules |= {"testfield.sensor.expose", "testfield.detect.detect"}
             inputs += [run.need(f"radiance/{name}.exr", "render") for name in run.stations]
-            sensor = {**run.scene.sensor.model_dump(), "exposure": run.scene.exposure.model_dump()}
-            names = [repr(sensor), repr(run.scene.camera.model_dump())]
+            for part in run.truth.parts:
+                sensor = {**part.scene.sensor.model_dump(), "exposure": part.scene.exposure.model_dump()}
+                names += [repr(sensor), repr(part.scene.camera.model_dump())]
         return digest(
             code_digest(*sorted(modules)), [file_digest(path) for path in inputs], run.field, run.scene.seed,
             asked.model_dump(), names,
@@ -134,14 +135,12 @@ def reexposed(run: Run, seed: int) -> Observations:
     from testfield.scene.exposure import sensor_of
     from testfield.sensor.expose import expose
 
-    scene = run.scene
-    sensor = sensor_of(scene)
     parts = []
-    for name in run.stations:
+    for part, _, _, name in run.truth.images():
         radiance = Radiance.load(run.need(f"radiance/{name}.exr", "render"))
-        frame = expose(radiance, sensor, scene.seed, noise_seed=seed)
-        parts.append(detect(frame, run.field, recipe_of(scene)))
-    return Observations.join(parts, run.stations)
+        frame = expose(radiance, sensor_of(part.scene), part.sensor_seed, noise_seed=seed)
+        parts.append(detect(frame, run.field, recipe_of(run.scene)))
+    return run.truth.by_cameras(Observations.join(parts, run.stations))
 
 
 _INPUTS = (("observations.parquet", "detect"), ("calibration.json", "calibrate"), ("points.parquet", "reconstruct"))

@@ -1,5 +1,7 @@
 """What is wrong with a scene before any long work starts: errors stop it, warnings are told."""
 
+from collections.abc import Callable
+
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -10,6 +12,7 @@ from testfield.scene.blur import blur_circles_px, streaks_px
 from testfield.scene.check_patterns import check_patterns, pattern_warnings
 from testfield.scene.exposure import check_exposure
 from testfield.scene.meshes import inside
+from testfield.scene.parts import ScenePart
 from testfield.scene.schema import BoardPart, MeasuringLinePart, MeshPart, ScaleBarPart, SceneFile, SurfacePart
 from testfield.scene.truth import Views
 from testfield.scene.world import World
@@ -27,8 +30,36 @@ LARGE, SMALL = 20.0, 0.02
 """A mesh's size over the measuring volume's diagonal beyond which its unit may be wrong."""
 
 
+def check_parts(
+    scene: SceneFile, parts: list[tuple[ScenePart, World, Views]], world: World, views: Views, source: str
+) -> list[str]:
+    """Warnings on a scene, one sentence each: on each of its parts, and on the world of all images."""
+    if len(parts) == 1:
+        return check_scene(parts[0][0].scene, world, views, source)
+    found: list[str] = []
+    for part, own, seen in parts:
+        said = f"{source}, camera '{part.camera}'" if scene.cameras else source
+        found += _possible(part.scene, own, said) + _focused(part.scene, own, seen, said)
+    _see(world, views, source)
+    found += _sizes(world, views, source) + _joined(world, views, source) + _scaled(world, source)
+    return list(dict.fromkeys(found + pattern_warnings(world, views, source)))
+
+
 def check_scene(scene: SceneFile, world: World, views: Views, source: str) -> list[str]:
     """Warnings, one sentence each. Raises `TestfieldError` for what makes the scene impossible."""
+    unlit = _possible(scene, world, source, lambda: _see(world, views, source))
+    blurred = _focused(scene, world, views, source)
+    found = _sizes(world, views, source) + _joined(world, views, source) + unlit + blurred + _scaled(world, source)
+    return found + pattern_warnings(world, views, source)
+
+
+def _see(world: World, views: Views, source: str) -> None:
+    _stations_stand_free(world, source)
+    _stations_see(world, views, source)
+
+
+def _possible(scene: SceneFile, world: World, source: str, look: Callable[[], None] = lambda: None) -> list[str]:
+    """Warnings on the light. Raises `TestfieldError` for what one camera's scene cannot be; `look` comes before."""
     _possible_optics(scene, world, source)
     _visible_paint(scene, source)
     _bendable_ink(scene, source)
@@ -36,12 +67,8 @@ def check_scene(scene: SceneFile, world: World, views: Views, source: str) -> li
     _codes_exist_and_differ(scene, world, source)
     check_patterns(scene, world, source)
     _marks_fit(scene, world, source)
-    _stations_stand_free(world, source)
-    _stations_see(world, views, source)
-    unlit = _lit(scene, source) + check_exposure(scene, world, source)
-    blurred = _focused(scene, world, views, source)
-    found = _sizes(world, views, source) + _joined(world, views, source) + unlit + blurred + _scaled(world, source)
-    return found + pattern_warnings(world, views, source)
+    look()
+    return _lit(scene, source) + check_exposure(scene, world, source)
 
 
 def _possible_optics(scene: SceneFile, world: World, source: str) -> None:

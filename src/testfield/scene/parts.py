@@ -19,7 +19,7 @@ from testfield.targets.field import Field
 
 @dataclass(frozen=True)
 class ImagePlan:
-    """An image to be taken: by which `camera`, from which `place`, at which `time`; `at` camera-from-world, one pose."""
+    """An image to be taken: by which `camera`, from which `place`, at which `time`; its pose `at`."""
 
     name: str
     camera: str

@@ -12,11 +12,13 @@ from testfield.calibrate.rejections import failed_checks
 from testfield.detect.observations import Observations
 from testfield.errors import speaking
 from testfield.reconstruct.points import Points
+from testfield.scene.schema import RigPart
 from testfield.scene.truth import Views
 from testfield.scene.world import World
-from testfield.score.camera import score_boards, score_camera
+from testfield.score.camera import score_boards
 from testfield.score.detection import score_detection
 from testfield.score.points import score_lengths, score_points
+from testfield.score.several import score_cameras, score_rigs
 from testfield.store.sheets import FORMAT, Count, Finite, OpenSheet, checked, read_json
 from testfield.store.text import write_text
 
@@ -35,13 +37,18 @@ TEN = (
 """The ten figures that matter: title, key, format."""
 
 
-def scorecard(world: World, views: Views, observations: Path, calibration: Path, points: Path) -> dict[str, Any]:
-    """Score a run's files against the truth."""
-    found, camera, targets = (
-        Observations.load(observations),
-        Calibration.load(calibration),
-        Points.load(points),
-    )
+def scorecard(
+    world: World,
+    views: Views,
+    observations: Path,
+    calibration: Path,
+    points: Path,
+    cameras: dict[str, World] | None = None,
+    rigs: tuple[RigPart, ...] = (),
+) -> dict[str, Any]:
+    """Score a run's files against the truth; of several cameras, `cameras` are the worlds that they see, by name."""
+    found = Observations.load(observations).at_times(world.field.moving)
+    camera, targets = Calibration.load(calibration), Points.load(points)
     lengths = score_lengths(world, camera, targets)
     checks = [(bar["name"], bar.get("en")) for bar in lengths["bars"] if bar["role"] == "check"]
     failures = [*camera.failures, *failed_checks(checks)]
@@ -49,11 +56,11 @@ def scorecard(world: World, views: Views, observations: Path, calibration: Path,
         "scene": world.name,
         "verdict": {"passed": not failures, "failures": failures},
         "detection": score_detection(world, views, found).card(),
-        "calibration": {"method": camera.method} | score_camera(world, camera),
+        "calibration": {"method": camera.method} | score_cameras(cameras or {"": world}, camera),
         "boards": score_boards(world, camera),
         "points": {"method": targets.method} | score_points(world, camera, targets).card(),
         "lengths": lengths,
-    }
+    } | ({"rigs": score_rigs(rigs, camera)} if camera.rigs else {})
 
 
 def write_scorecard(card: dict[str, Any], path: Path) -> None:
