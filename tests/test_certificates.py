@@ -11,7 +11,8 @@ from testfield.adjust.network import Camera
 from testfield.adjust.snooping import snoop
 from testfield.calibrate.certified import Certified
 from testfield.calibrate.rejections import Group, counted, failed_checks
-from testfield.calibrate.self_calibration import FreeNetwork, free_network
+from testfield.calibrate.self_calibration import free_network
+from testfield.calibrate.self_job import FreeNetwork
 from testfield.cli.show import status_of
 from testfield.errors import TestfieldError
 from testfield.targets.field import ScaleBar

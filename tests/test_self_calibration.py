@@ -13,7 +13,8 @@ from test_truth_in_truth_out import observe
 from testfield.adjust.bundle import predict
 from testfield.adjust.network import Camera, Images, Network
 from testfield.calibrate.certified import Certified
-from testfield.calibrate.self_calibration import FreeNetwork, free_network, self_calibration
+from testfield.calibrate.self_calibration import free_network, self_calibration
+from testfield.calibrate.self_job import FreeNetwork
 from testfield.calibrate.ties import Ties, coded_ties
 from testfield.camera.interior import Interior
 from testfield.camera.pose import Poses

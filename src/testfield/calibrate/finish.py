@@ -11,7 +11,7 @@ from testfield.adjust.network import Layout, Network
 from testfield.adjust.weakness import weak_unknowns
 from testfield.calibrate.calibration import AXES, Calibration, point_label
 from testfield.calibrate.edges import left_out
-from testfield.calibrate.imaging import exterior_by_network, relative_orientations
+from testfield.calibrate.imaging import Imaging, exterior_by_network, relative_orientations
 from testfield.calibrate.misfit import Misfit
 from testfield.calibrate.quality import board_quality, joints, residual_test
 from testfield.calibrate.rejections import of_boards
@@ -76,7 +76,7 @@ def finished(
     covariance, names = with_points(adjustment, start.labels(network), loose, codes)
     edges, test = joints(adjustment, start.stations, start.boards), residual_test(found.plain or adjustment)
     doubts = doubts_of(adjustment, start, covariance, names, test, found.plain is not None)
-    covariance, names = by_images(covariance, names, network, start)
+    covariance, names = by_images(covariance, names, network, start.stations)
     records = left_out(rows, field, start.why)
     calibration = Calibration(
         method, network.interior, start.stations, network.camera_from_datum(), start.boards, network.boards,
@@ -87,44 +87,44 @@ def finished(
         tuple(notes + start.notes + found.notes + doubts),
         joints=edges, board_quality=board_quality(covariance, names, start.boards, edges), test=test,
         misfit=found.misfit.card, point_code=codes, point_mm=network.point_mm[loose],
-        certificates=found.certificates, failures=found.failures, **several(network, start),
+        certificates=found.certificates, failures=found.failures, **several(network, start.imaging),
     )  # fmt: skip
     return of_boards(calibration, rows.take(start.rows[found.left]), field)
 
 
 def by_images(
-    covariance: np.ndarray, names: tuple[str, ...], network: Network, start: Start
+    covariance: np.ndarray, names: tuple[str, ...], network: Network, images: tuple[str, ...]
 ) -> tuple[np.ndarray, tuple[str, ...]]:
     """The covariance with the exterior orientation of every image in the place of those of stations; rig members stay.
 
     Where every image has a station of its own, nothing changes.
     """
     at = Layout.of(network)
-    own = tuple(f"station:{image}.{axis}" for image in start.stations for axis in AXES)
+    own = tuple(f"station:{image}.{axis}" for image in images for axis in AXES)
     named = (*names[: at.station], *own, *names[at.member :])
     if len(network.members) == 1 and np.array_equal(network.images.station, np.arange(len(network.stations))):
         return covariance, named
     member_end = int(at.board[0])
     by = exterior_by_network(network)
-    images = len(by)
-    A = np.zeros((len(names) + images - (at.member - at.station), len(names)))
+    count = len(by)
+    A = np.zeros((len(names) + count - (at.member - at.station), len(names)))
     A[: at.station, : at.station] = np.eye(at.station)
-    A[at.station : at.station + images, at.station : member_end] = by
+    A[at.station : at.station + count, at.station : member_end] = by
     rest = len(names) - at.member
-    A[at.station + images :, at.member :] = np.eye(rest)
+    A[at.station + count :, at.member :] = np.eye(rest)
     return A @ covariance @ A.T, named
 
 
-def several(network: Network, start: Start) -> dict[str, Any]:
+def several(network: Network, imaging: Imaging | None) -> dict[str, Any]:
     """What a calibration of several cameras has beside that of one."""
-    if len(network.cameras) == 1 and not start.imaging.members:
+    if imaging is None or len(network.cameras) == 1:
         return {}
     return {
         "more_cameras": network.interiors[1:],
-        "camera_names": tuple(camera.name for camera in start.imaging.cameras),
+        "camera_names": tuple(camera.name for camera in imaging.cameras),
         "image_camera": network.images.camera,
         "residual_camera": network.camera,
-        "rigs": relative_orientations(start.imaging, network),
+        "rigs": relative_orientations(imaging, network),
     }
 
 

@@ -19,7 +19,7 @@ RIGS = ("constrained", "free")
 class Imaging:
     """`cameras`, and of every image (I,) its `camera` and the place `station` where it, or its rig, stood (numbers of
     `places`), and its `member` of a rig: 0 where its pose is that of the place. `members` (rig, camera) are the others,
-    from 1 on; `known` what was stated of them."""
+    from 1 on; `known` what was stated of them. `images` (I) names."""
 
     cameras: tuple[CameraSheet, ...]
     camera: np.ndarray
@@ -28,6 +28,21 @@ class Imaging:
     places: tuple[str, ...]
     members: tuple[tuple[str, str], ...] = ()
     known: tuple[RelativePose | None, ...] = ()
+    images: tuple[str, ...] = ()
+
+    def numbers(self, names: tuple[str, ...]) -> np.ndarray:
+        """Numbers of images by their names."""
+        place = {name: k for k, name in enumerate(self.images)}
+        return np.array([place[name] for name in names], int)
+
+    def blank(self) -> Poses:
+        """A pose for every image, none of them known."""
+        return Poses.identity(len(self.camera))
+
+    @property
+    def shares_places(self) -> bool:
+        """Whether images were taken from the same place."""
+        return len(np.unique(self.station)) < len(self.station)
 
     @property
     def member_names(self) -> tuple[str, ...]:
@@ -46,7 +61,9 @@ def imaging_of(observations: Observations, field: Field, cameras: tuple[CameraSh
     names, images = [one.name for one in cameras], len(observations.stations)
     if not observations.cameras:
         alone = np.zeros(images, int)
-        return Imaging(cameras[:1], alone, np.arange(images), alone, observations.stations)
+        return Imaging(
+            cameras[:1], alone, np.arange(images), alone, observations.stations, images=observations.stations
+        )
     for image, name in zip(observations.stations, observations.cameras, strict=True):
         if name not in names:
             raise TestfieldError(
@@ -67,7 +84,9 @@ def imaging_of(observations: Observations, field: Field, cameras: tuple[CameraSh
     station = np.array([unique.index(one) for one in place], int)
     names_of_places = tuple(stood if kind == "rig" else f"{kind}@{stood}" for kind, _, stood in unique)
     told = tuple(held[key][1] for key in order)
-    return Imaging(cameras, camera, station, np.array(member, int), names_of_places, tuple(order), told)
+    return Imaging(
+        cameras, camera, station, np.array(member, int), names_of_places, tuple(order), told, observations.stations
+    )
 
 
 def _members(rigs: tuple[RigSheet, ...]) -> dict[tuple[str, str], tuple[bool, RelativePose | None]]:
@@ -145,7 +164,9 @@ def exterior_by_network(network: Network) -> np.ndarray:
 
 def relative_orientations(imaging: Imaging, network: Network) -> tuple[dict, ...]:
     """The rigs' members as a calibration keeps them."""
-    turn = rotation_vector(network.members.R[1:]) if imaging.members else np.zeros((0, 3))
+    if len(network.members) == 1:
+        return ()
+    turn = rotation_vector(network.members.R[1:])
     return tuple(
         {"rig": rig, "camera": camera, "turn_rad": turn[k].tolist(), "t_mm": network.members.t_mm[k + 1].tolist()}
         for k, (rig, camera) in enumerate(imaging.members)

@@ -264,11 +264,14 @@ def _misfit(start: Start, views: _Views) -> float:
     return float((np.minimum(size, cap).sum() + cap * (counted - len(size))) / max(counted, 1))
 
 
-def loose_network(ties: Ties, interior: Interior, poses: Poses, point_mm: np.ndarray, camera: Camera) -> Network:
-    """A network of loose points and single images, with nothing known."""
-    n = len(point_mm)
+def loose_network(
+    ties: Ties, cameras: tuple[Camera, ...], camera: np.ndarray, poses: Poses, point_mm: np.ndarray
+) -> Network:
+    """A network of loose points and of images, each by its `camera` (I,) from a place of its own; nothing is known."""
+    n, images = len(point_mm), len(poses)
+    each = Images(np.arange(images), camera, np.zeros(images, int))
     return Network(
-        (replace(camera, interior=interior),), poses, Images.one_camera(len(poses)), Poses.identity(0), (), point_mm,
+        cameras, poses, each, Poses.identity(0), (), point_mm,
         np.full(n, -1), point_mm, np.zeros((n, 3, 3)), ties.image, ties.point, ties.xy_px, ties.cov_px2,
         np.zeros((len(ties), 2)),
     )  # fmt: skip
@@ -288,7 +291,11 @@ def _adjusted(start: Start, ties: Ties) -> Start | None:
     u[:2], u[4] = interior.fx, 0.5
     camera = Camera(interior, u, interior.parameters, u_aspect=SQUARE)
     network = loose_network(
-        replace(some, image=number[some.image]), interior, start.poses[stations], start.point_mm, camera
+        replace(some, image=number[some.image]),
+        (camera,),
+        np.zeros(len(stations), int),
+        start.poses[stations],
+        start.point_mm,
     )
     try:
         found: Adjustment = adjust(network, network.labels(tuple(map(str, stations))), robust=True)

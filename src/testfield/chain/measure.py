@@ -5,13 +5,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from testfield.adjust.network import Images
 from testfield.calibrate.calibration import Calibration
 from testfield.calibrate.certified import Certified
 from testfield.calibrate.loose_discs import measured_radii
 from testfield.calibrate.misfit import Misfit
 from testfield.calibrate.rejections import failed, failed_checks
-from testfield.calibrate.self_calibration import FreeNetwork, free_network, settled
+from testfield.calibrate.self_calibration import free_network, settled
+from testfield.calibrate.self_job import FreeNetwork
 from testfield.calibrate.self_start import loose_network
 from testfield.calibrate.stitched import stitched
 from testfield.calibrate.ties import Ties, coded_ties
@@ -139,7 +139,7 @@ def with_dots(
     result: FreeNetwork, observations: Observations, hold: tuple[str, ...], misfit: Misfit | None = None
 ) -> FreeNetwork:
     """The network with the dots that have no code, named by their rays; as it was where there are none."""
-    calibration, job = result.calibration, result.job
+    calibration, job = result.calibration, result.begin
     place = {name: k for k, name in enumerate(calibration.station_names)}
     station = np.array([place.get(name, -1) for name in observations.stations], int)[observations.station]
     finite = np.isfinite(observations.xy_px).all(axis=1) & np.isfinite(observations.cov_px2).all(axis=(1, 2))
@@ -175,11 +175,12 @@ def with_dots(
     network, n = job.network, len(dots.point_mm)
     wider = replace(
         loose_network(
-            ties, network.interior, network.stations, np.vstack([network.point_mm, dots.point_mm]), network.cameras[0]
+            ties, network.cameras, network.images.camera, network.stations,
+            np.vstack([network.point_mm, dots.point_mm]),
         ),
         known_mm=np.vstack([network.known_mm, dots.point_mm]),
         information=np.concatenate([network.information, np.zeros((n, 3, 3))]),
-        distances=network.distances, images=Images.one_camera(len(network.stations)),
+        distances=network.distances,
     )  # fmt: skip
     radius = np.concatenate([job.radius_mm, measured_radii(wider, ties.moments_px2)[len(old.code) :]])
     return settled(replace(job, network=wider, ties=ties, radius_mm=radius), hold, True, misfit)
