@@ -183,7 +183,7 @@ def test_dots_that_lie_elsewhere_are_not_matched() -> None:
     rng = np.random.default_rng(1)
     image = np.repeat(np.arange(8), 25)
     xy = rng.uniform([0, 0], [4095, 2999], (200, 2))
-    dots = match_dots(CAMERA, truth.stations, image, xy, np.full(200, 6.0), truth.point_mm, 0.3)
+    dots = match_dots([CAMERA] * len(truth.stations), truth.stations, image, xy, np.full(200, 6.0), truth.point_mm, 0.3)
     assert len(dots.point_mm) <= 3
 
 

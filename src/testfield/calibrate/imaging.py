@@ -9,7 +9,6 @@ from testfield.camera.pose import Poses, cross_matrix, nearest_rotation, rotatio
 from testfield.detect.observations import Observations
 from testfield.errors import TestfieldError
 from testfield.targets.camera_sheet import CameraSheet, RelativePose, RigSheet
-from testfield.targets.field import Field
 
 RIGS = ("constrained", "free")
 """Whether a rig's cameras keep their places in it, or every image has an exterior orientation of its own."""
@@ -50,14 +49,16 @@ class Imaging:
         return tuple(f"{rig}/{camera}" for rig, camera in self.members)
 
 
-def imaging_of(observations: Observations, field: Field, cameras: tuple[CameraSheet, ...], rigs: str) -> Imaging:
+def imaging_of(
+    observations: Observations, cameras: tuple[CameraSheet, ...], rigs: tuple[RigSheet, ...], how: str
+) -> Imaging:
     """Cameras and places of all images of observations.
 
-    `rigs` is one of `RIGS`. Raises `TestfieldError` for an image by a camera that the field sheet does not list, and
-    for two images by one camera from one place of which the field sheet says nothing.
+    `how` rigs hold their cameras is one of `RIGS`. Raises `TestfieldError` for an image by a camera that the field
+    sheet does not list.
     """
-    if rigs not in RIGS:
-        raise TestfieldError(f"value '{rigs}' is none of {', '.join(RIGS)}", "calibrator.rigs", "choose one of them")
+    if how not in RIGS:
+        raise TestfieldError(f"value '{how}' is none of {', '.join(RIGS)}", "calibrator.rigs", "choose one of them")
     names, images = [one.name for one in cameras], len(observations.stations)
     if not observations.cameras:
         alone = np.zeros(images, int)
@@ -71,7 +72,7 @@ def imaging_of(observations: Observations, field: Field, cameras: tuple[CameraSh
                 f"list it beside {', '.join(names)}",
             )  # fmt: skip
     camera = np.array([names.index(name) for name in observations.cameras], int)
-    held = _members(field.rigs) if rigs == "constrained" else {}
+    held = _members(rigs) if how == "constrained" else {}
     order = {key: k for k, key in enumerate((key for key, pose in held.items() if pose[0]), 1)}
     place, member = [], []
     for k, name in enumerate(observations.cameras):

@@ -54,7 +54,7 @@ def self_calibration(
     Of the field's sheet only the bars' lengths and the dots' diameters are used. Loose targets that are no bar's ends
     are left to reconstruction wherever the other codes suffice, so that what is claimed of them is true.
     """
-    imaging = imaging_of(observations, field, cameras, rigs) if cameras else None
+    imaging = imaging_of(observations, cameras, field.rigs, rigs) if cameras else None
     observations, said = fronts_only(observations, field, imaging, image_middle(width_px, height_px))
     diameter = dict(field.loose)
     tied = {c for bar in field.scale_bars if bar.role == "control" for c in bar.codes}

@@ -37,7 +37,7 @@ def stitched(
     seen, and where the observations do not determine a parameter.
     """
     rows, turned_down, notes = usable_rows(observations, field)
-    imaging = imaging_of(observations, field, cameras, rigs) if cameras else None
+    imaging = imaging_of(observations, cameras, field.rigs, rigs) if cameras else None
 
     def begin(rows: Observations, left_out: frozenset[int]) -> Start:
         return starting_network(rows, field, width_px, height_px, lens, hold, left_out=left_out, imaging=imaging)

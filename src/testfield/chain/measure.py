@@ -7,6 +7,7 @@ import numpy as np
 
 from testfield.calibrate.calibration import Calibration
 from testfield.calibrate.certified import Certified
+from testfield.calibrate.imaging import imaging_of
 from testfield.calibrate.loose_discs import measured_radii
 from testfield.calibrate.misfit import Misfit
 from testfield.calibrate.rejections import failed, failed_checks
@@ -20,6 +21,7 @@ from testfield.detect.photograph import Found
 from testfield.detect.target_spec import TargetSpec
 from testfield.reconstruct.points import Points
 from testfield.reconstruct.uncoded import match_dots
+from testfield.targets.camera_sheet import CameraSheet, RigSheet
 from testfield.targets.field import Field, NominalBoard, ScaleBar
 from testfield.targets.field_file import FieldFile
 from testfield.targets.marks import Marks
@@ -62,6 +64,21 @@ class Measurement:
         return int((self.points.code < 0).sum())
 
 
+@dataclass(frozen=True)
+class Taken:
+    """By which of several `cameras` each photograph was taken (`camera`, a name each), and the `place` where that
+    camera, or the rig that holds it, stood."""
+
+    cameras: tuple[CameraSheet, ...]
+    rigs: tuple[RigSheet, ...]
+    camera: tuple[str, ...]
+    place: tuple[str, ...]
+
+    def of(self, images: np.ndarray) -> "Taken":
+        """The same of some photographs, by their numbers."""
+        return replace(self, camera=tuple(self.camera[k] for k in images), place=tuple(self.place[k] for k in images))
+
+
 def certified_of(field: FieldFile) -> Certified:
     """What a field file certifies."""
     bars = tuple(ScaleBar(d.name, d.role, d.codes, d.length_mm, d.u_mm) for d in field.distances)
@@ -85,22 +102,30 @@ def measure(
     lens: str = "brown",
     hold: tuple[str, ...] = (),
     focal_px: float | None = None,
+    taken: Taken | None = None,
 ) -> Measurement:
-    """Cameras and points from what was found in photographs of `size_px` (width, height), all by one camera, and what
-    the two halves of the photographs say of their uncertainties."""
+    """Cameras and points from what was found in photographs of `size_px` (width, height), all by one camera, or as they
+    were `taken` by several, and what the two halves of the photographs say of their uncertainties."""
 
     def some(images: np.ndarray, focal_px: float | None, misfit: Misfit | None) -> Measurement:
         chosen = tuple(names[k] for k in images), [found[k] for k in images]
-        return _measured(*chosen, size_px, field, target, lens, hold, focal_px, misfit)
+        own = taken.of(images) if taken else None
+        return _measured(*chosen, size_px, field, target, lens, hold, focal_px, misfit, own)
 
     whole = some(np.arange(len(names)), focal_px, None)
+    # Images of one rig at one place belong to the same half.
+    places = [f"{c}@{p}" for c, p in zip(taken.camera, taken.place, strict=True)] if taken else list(names)
+    if taken and taken.rigs:
+        places = list(taken.place)
+    units = list(dict.fromkeys(places))
     focal, given = whole.calibration.interior.fx, Misfit.of(whole.calibration)
 
-    def half(images: np.ndarray) -> tuple[Calibration, Points]:
-        one = some(images, focal, given)
+    def half(chosen: np.ndarray) -> tuple[Calibration, Points]:
+        wanted = {units[k] for k in chosen}
+        one = some(np.array([k for k, place in enumerate(places) if place in wanted]), focal, given)
         return one.calibration, one.points
 
-    return replace(whole, halves=compare_halves(len(names), half))
+    return replace(whole, halves=compare_halves(len(units), half))
 
 
 def _measured(
@@ -113,13 +138,18 @@ def _measured(
     hold: tuple[str, ...],
     focal_px: float | None,
     misfit: Misfit | None,
+    taken: Taken | None,
 ) -> Measurement:
     observations = Observations.join([one.observations for one in found], names)
+    imaging = None
+    if taken:
+        observations = observations.by(taken.camera, taken.place)
+        imaging = imaging_of(observations, taken.cameras, taken.rigs, "constrained")
     if target.kind == "circles":
         return _of_grid(observations, found, size_px, field, target, lens, hold, misfit)
     ties, notes = coded_ties(observations)
     certified = certified_of(field)
-    result = free_network(ties, *size_px, lens, hold, certified, focal_px, True, notes, misfit)
+    result = free_network(ties, *size_px, lens, hold, certified, focal_px, True, notes, misfit, imaging)
     result = with_dots(result, observations, hold, misfit)
     points = Points(
         "self", result.code, result.xyz_mm, result.cov_xyz_mm2, result.rays, result.residual_rms_px, result.rejected
@@ -151,7 +181,7 @@ def with_dots(
         moments = np.nan_to_num(observations.moments_px2[row])
         size = 2 * np.sqrt(np.maximum(np.linalg.eigvalsh(moments)[:, 1], 0))
     dots = match_dots(
-        calibration.interior,
+        [calibration.interiors[k] for k in calibration.camera_of_image],
         calibration.stations,
         station[row],
         observations.xy_px[row],

@@ -269,7 +269,7 @@ def report(run: Run) -> Made:
     key = report_key(run.scene, run.world, [file_digest(path) for path in inputs + frames], ruler)
 
     def write(path: Path) -> None:
-        write_report(run.world, run.views, run.scene, run.folder, run.ledger.notes, path)
+        write_report(run.world, run.views, run.scene, run.folder, run.ledger.notes, path, run.truth.cameras)
 
     with bar("report", 1, "page") as move:
         made = run.ledger.make("report.html", key, write)

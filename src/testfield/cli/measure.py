@@ -21,6 +21,14 @@ def add(commands: Any) -> None:
     p.add_argument("--out", type=Path, metavar="FOLDER", help="where everything goes (default: renders/measure)")
     p.add_argument("--lens", choices=("brown", "rational", "fisheye"), default="brown", help="lens model")
     p.add_argument("--hold", default="", metavar="NAMES", help="lens coefficients held at zero: k3,p1,p2")
+    p.add_argument(
+        "--by-folder", action="store_true",
+        help="each folder given is a camera of its own (default: as the field file's [[cameras]] say, else one camera)",
+    )  # fmt: skip
+    p.add_argument(
+        "--rig", action="store_true",
+        help="as --by-folder, and a rig holds the cameras: photographs of one file name were taken together",
+    )  # fmt: skip
     p.add_argument("--focal-px", type=float, metavar="PX", help="a first guess of the focal length; not needed")
     p.add_argument("--bayer", metavar="ORDER", help="the images are raw mosaics: RGGB, BGGR, GRBG or GBRG")
     p.add_argument("--smallest-px", type=float, default=5.0, metavar="PX", help="least diameter of a dot (default: 5)")
@@ -44,10 +52,13 @@ def _measure(args: argparse.Namespace) -> int:
     from collections import Counter
     from dataclasses import replace
 
+    import numpy as np
+
     from testfield.camera.interior import check_held
     from testfield.camera.mosaic import ORDERS
     from testfield.camera.photograph import read_photograph
     from testfield.chain.measure import measure
+    from testfield.cli.cameras import owners_of, taken_of
     from testfield.cli.detect import _images, refuse_over
     from testfield.cli.show import status_of
     from testfield.detect.photograph import AUTO, ON_BLACK, ON_WHITE, detect_in_photograph
@@ -74,15 +85,19 @@ def _measure(args: argparse.Namespace) -> int:
     polarity = {None: AUTO, True: ON_BLACK, False: ON_WHITE}[field.target.white_on_black]
     out = args.out or Path("renders/measure")
     say = sys.stderr if args.json else sys.stdout
+    owners = owners_of(args.images, field, str(args.field), args.lens, args.by_folder, args.rig)
     names: list[str] = []
-    found, sizes, trouble = [], [], []
-    for path in _images(args.images):
+    found, sizes, trouble, folders, places = [], [], [], [], []
+    for folder, path in [(given, path) for given in args.images for path in _images([given])]:
         try:
             photograph = read_photograph(path, args.bayer)
         except TestfieldError as error:
             print(f"testfield: {error.sentence()}", file=sys.stderr)
             trouble.append(f"'{path.name}' cannot be read and is left out")
             continue
+        place = photograph.name
+        if owners:
+            photograph = replace(photograph, name=owners.name_of(place, folder))
         if photograph.name in names:
             count = next(k for k in range(2, len(names) + 3) if f"{photograph.name}-{k}" not in names)
             photograph = replace(photograph, name=f"{photograph.name}-{count}")
@@ -91,21 +106,30 @@ def _measure(args: argparse.Namespace) -> int:
         draw_found(photograph, one, out / f"{photograph.name}.png")
         print(f"{path.name}: {one.summary}", file=say)
         names.append(photograph.name)
+        folders.append(folder)
+        places.append(place)
         found.append(one)
         sizes.append((photograph.pixels.shape[1], photograph.pixels.shape[0]))
     if not found:
         raise TestfieldError("no image can be read", str(args.images[0]), "give photographs")
+    taken = taken_of(owners, folders, places, sizes) if owners else None
     size = Counter(sizes).most_common(1)[0][0]
-    for name, other in zip(names, sizes, strict=True):
-        if other != size:
+    expected = [size] * len(names)
+    if taken:
+        by_name = {camera.name: camera.size_px for camera in taken.cameras}
+        expected = [by_name[camera] for camera in taken.camera]
+        size = taken.cameras[0].size_px
+    for name, other, size_of in zip(names, sizes, expected, strict=True):
+        if other != size_of:
             trouble.append(
-                f"image '{name}' is {other[0]} x {other[1]} px and the others {size[0]} x {size[1]}: it is of another "
-                "camera, or cropped, and is left out"
+                f"image '{name}' is {other[0]} x {other[1]} px and the others {size_of[0]} x {size_of[1]}: it is "
+                "of another camera, or cropped, and is left out"
             )
-    keep = [k for k, other in enumerate(sizes) if other == size]
+    keep = [k for k, other in enumerate(sizes) if other == expected[k]]
     result = measure(
-        tuple(names[k] for k in keep), [found[k] for k in keep], size, field, target, args.lens, hold, args.focal_px
-    )
+        tuple(names[k] for k in keep), [found[k] for k in keep], size, field, target, args.lens, hold, args.focal_px,
+        taken.of(np.array(keep, int)) if taken else None,
+    )  # fmt: skip
     result = replace(result, calibration=replace(result.calibration, notes=(*trouble, *result.calibration.notes)))
     summary = write_measurement(result, field, out, tuple(str(p) for p in args.images))
     for title, value in summary["figures"]:

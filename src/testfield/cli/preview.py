@@ -25,22 +25,21 @@ def act(args: argparse.Namespace) -> int:
     from testfield.errors import TestfieldError
     from testfield.render.quick import quick_view
     from testfield.report.preview import draw_preview
-    from testfield.scene.check import check_scene
     from testfield.scene.load import load_scene
     from testfield.store.atomic import whole
     from testfield.store.ledger import Ledger
 
     run = Run(Path(), load_scene(args.scene), str(args.scene), Ledger(Path("/nonexistent")))
     check_algorithms(run.scene, str(args.scene))
-    show_warnings(check_scene(run.scene, run.world, run.views, str(args.scene)))
+    show_warnings(run.truth.check(str(args.scene)))
     name = args.station or run.stations[0]
     if name not in run.stations:
         raise TestfieldError(f"no station is called '{name}'", "--station", f"choose one of {', '.join(run.stations)}")
     out = args.out or Path("renders") / f"{run.scene.name}-preview.png"
     if out.suffix != ".png":
         raise TestfieldError(f"'{out}' does not end in .png", "--out", "the preview is a PNG")
-    station = run.stations.index(name)
-    view = quick_view(run.world, station)
+    world, station = next((world, k) for _, world, k, image in run.truth.images() if image == name)
+    view = quick_view(world, station)
     with whole(out) as path:
         draw_preview(run.world, view, name, path)
     print(out)

@@ -20,7 +20,6 @@ def act(args: argparse.Namespace) -> int:
 
     from testfield.chain.run import Run, check_algorithms
     from testfield.cli.show import show_warnings
-    from testfield.scene.check import check_scene
     from testfield.scene.load import load_scene
     from testfield.scene.world import BAR, BOARD, CHECK
     from testfield.store.ledger import Ledger
@@ -28,7 +27,7 @@ def act(args: argparse.Namespace) -> int:
     run = Run(Path(), load_scene(args.scene), str(args.scene), Ledger(Path("/nonexistent")))
     world = run.world
     check_algorithms(run.scene, str(args.scene))
-    show_warnings(check_scene(run.scene, world, run.views, str(args.scene)))
+    show_warnings(run.truth.check(str(args.scene)))
     marks, seen = world.marks, run.views.visible == 1
     print(f"{args.scene}: valid")
     count = {role: int((marks.role == role).sum()) for role in (BOARD, CHECK, BAR)}

@@ -5,10 +5,13 @@ import csv
 import json
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 
+from testfield.calibrate.calibration import AXES, Calibration
+from testfield.calibrate.one_of_several import of_camera
 from testfield.calibrate.rejections import lossy
 from testfield.calibrate.ties import point_name
 from testfield.chain.measure import Measurement
@@ -53,7 +56,8 @@ def write_measurement(result: Measurement, field: FieldFile, folder: Path, image
         "datum": result.datum,
         "figures": _figures(result),
         "interior": result.calibration.interior.without_modes.to_json(),
-        "interior_u": _interior_u(result),
+        "interior_u": _interior_u(result.calibration),
+        **_several(result.calibration),
         "reprojection_rms_px": result.calibration.reprojection_rms_px,
         "sigma0": result.calibration.sigma0,
         "lens_misfit": result.calibration.misfit or None,
@@ -75,8 +79,26 @@ def write_measurement(result: Measurement, field: FieldFile, folder: Path, image
     return summary
 
 
-def _interior_u(result: Measurement) -> dict[str, float]:
-    c = result.calibration
+def _several(calibration: Calibration) -> dict[str, Any]:
+    """What there is of several cameras: each one's interior orientation, and relative orientations."""
+    if not calibration.more_cameras:
+        return {}
+    each = {name: of_camera(calibration, k) for k, name in enumerate(calibration.camera_names)}
+    cameras = {
+        name: {"interior": one.interior.without_modes.to_json(), "interior_u": _interior_u(one)}
+        for name, one in each.items()
+    }
+    return {"cameras": cameras, "rigs": [one | _rig_u(calibration, one) for one in calibration.rigs]}
+
+
+def _rig_u(calibration: Calibration, one: dict[str, Any]) -> dict[str, float]:
+    """Standard uncertainties of a relative orientation, roots of the axes' sums of squares."""
+    index = calibration.index([f"member:{one['rig']}/{one['camera']}.{axis}" for axis in AXES])
+    u2 = np.diag(calibration.covariance)[index]
+    return {"u_turn_rad": float(np.sqrt(u2[:3].sum())), "u_mm": float(np.sqrt(u2[3:].sum()))}
+
+
+def _interior_u(c: Calibration) -> dict[str, float]:
     own = [name for name in c.interior.without_modes.names if name in c.labels]
     return {name: float(np.sqrt(c.covariance[k, k])) for name, k in zip(own, c.index(own), strict=True)}
 
@@ -90,7 +112,7 @@ def _figures(result: Measurement) -> list[tuple[str, str]]:
         ("targets measured; used", f"{seen}; {c.used}"),
         ("reprojection, rms", f"{c.reprojection_rms_px:.4f} px"),
         ("scatter over claim (sigma0)", f"{c.sigma0:.2f}"),
-        ("focal length", f"{c.interior.fx:.2f} px"),
+        ("focal length", ", ".join(f"{interior.fx:.2f}" for interior in c.interiors) + " px"),
     ]
     if len(points):
         u = np.sqrt(np.diag(points.cov_xyz_mm2)).reshape(-1, 3)
@@ -122,9 +144,8 @@ def _page(
 ) -> str:
     o, c, points = result.observations, result.calibration, result.points
     best = o.stations[int(np.bincount(o.measured.station, minlength=len(o.stations)).argmax())]
-    interior = [
-        (name, ("{:.3f}" if k < 4 else "{:.6g}").format(c.interior.parameters[k]), summary["interior_u"].get(name))
-        for k, name in enumerate(c.interior.without_modes.names)
+    cameras = [
+        _camera_part(name, of_camera(c, k)) for k, name in enumerate(c.camera_names if c.more_cameras else ("",))
     ]
     places = c.stations.origin_mm
     stations = [
@@ -141,11 +162,21 @@ def _page(
     return page(
         "measured.html", field=field, result=result, figures=summary["figures"], best=best, notes=c.notes,
         picture=_picture(folder / f"{best}.png"), plan=_svg(point_plan(result)) if len(points) else None,
-        residuals=_svg(figures.residual_map(c)), interior=interior, stations=stations, points=rows,
+        cameras=cameras, rigs=summary.get("rigs"), stations=stations, points=rows,
         counts=sorted(zip(statuses.tolist(), counts.tolist(), strict=True), key=lambda row: -row[1]),
         rejected=c.rejected, images=images, failures=c.failures, groups=lossy(c.rejections),
         certificates=c.certificates,
     )  # fmt: skip
+
+
+def _camera_part(name: str, c: Calibration) -> dict[str, Any]:
+    """A camera's name, parameters and residuals."""
+    u = _interior_u(c)
+    rows = [
+        (name, ("{:.3f}" if k < 4 else "{:.6g}").format(c.interior.parameters[k]), u.get(name))
+        for k, name in enumerate(c.interior.without_modes.names)
+    ]
+    return {"name": name, "interior": rows, "residuals": _svg(figures.residual_map(c))}
 
 
 def _station_of(result: Measurement) -> np.ndarray:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from testfield.calibrate.calibration import Calibration
+from testfield.calibrate.one_of_several import of_camera
 from testfield.calibrate.rejections import lossy
 from testfield.camera.images import Frame
 from testfield.certify.certificate import floor_of
@@ -23,10 +24,18 @@ from testfield.score.scorecard import load_scorecard, ten_figures
 from testfield.store.text import write_text
 
 
-def write_report(world: World, views: Views, scene: SceneFile, folder: Path, notes: dict[str, Any], path: Path) -> None:
-    """Write the page of a run's folder."""
+def write_report(
+    world: World,
+    views: Views,
+    scene: SceneFile,
+    folder: Path,
+    notes: dict[str, Any],
+    path: Path,
+    cameras: dict[str, World] | None = None,
+) -> None:
+    """Write the page of a run's folder; `cameras` are the worlds as several cameras see them, by name."""
     card = load_scorecard(folder / "scorecard.json")
-    observations = Observations.load(folder / "observations.parquet")
+    observations = Observations.load(folder / "observations.parquet").at_times(world.field.moving)
     calibration = Calibration.load(folder / "calibration.json")
     found = score_detection(world, views, observations)
     points = score_points(world, calibration, Points.load(folder / "points.parquet"))
@@ -42,10 +51,9 @@ def write_report(world: World, views: Views, scene: SceneFile, folder: Path, not
         station=name,
         picture=_data(figures.detections(frame, observations), "image/jpeg"),
         plan=_inline(figures.field_plan(world, calibration, points)) if len(points.code) else None,
-        residuals=_inline(figures.residual_map(calibration)),
         centres=_inline(figures.centre_errors(found)),
         claimed=_inline(figures.claimed_against_actual(points)) if len(points.code) else None,
-        interior=_interior_rows(world, calibration, card),
+        cameras=_camera_parts(cameras or {"": world}, calibration, card["calibration"]),
         check=_check_rows(points),
         graph=_graph_rows(calibration),
         board_quality=calibration.board_quality,
@@ -96,9 +104,22 @@ def _inline(svg: bytes) -> str:
     return _data(svg, "image/svg+xml")
 
 
+def _camera_parts(cameras: dict[str, World], calibration: Calibration, card: dict) -> list[dict[str, Any]]:
+    """Of each camera its name (none where it is alone), its parameters and its residuals."""
+    if not calibration.more_cameras:
+        rows = _interior_rows(next(iter(cameras.values())), calibration, card)
+        return [{"name": "", "interior": rows, "residuals": _inline(figures.residual_map(calibration))}]
+    parts = []
+    for k, name in enumerate(calibration.camera_names):
+        own = of_camera(calibration, k)
+        rows = _interior_rows(cameras[name], own, card["cameras"][name])
+        parts.append({"name": name, "interior": rows, "residuals": _inline(figures.residual_map(own))})
+    return parts
+
+
 def _interior_rows(world: World, calibration: Calibration, card: dict) -> list[tuple]:
     """Name, true and found value, error, claimed uncertainty; without the truth where the models differ."""
-    u = card["calibration"]["interior_u"]
+    u = card["interior_u"]
     alike = calibration.interior.model == world.interior.model
     rows = []
     for k, name in enumerate(calibration.interior.without_modes.names):

@@ -100,6 +100,24 @@ def _twice(values: list[Any]) -> list[Any]:
     return sorted(value for value, count in Counter(values).items() if count > 1)
 
 
+class CameraPart(_Part):
+    """One of several cameras: the photographs in a folder."""
+
+    name: str = Field(min_length=1, description="Its name.")
+    folder: str = Field("", description="The folder of its photographs as it is called on the command line; absent, "
+                        "one of its name.")  # fmt: skip
+    lens: Literal["brown", "brown_shear", "rational", "fisheye"] | None = Field(
+        None, description="Its lens model; absent, that of the command line."
+    )
+
+
+class RigPart(_Part):
+    """Cameras that a bar or frame holds: their photographs of one file name were taken together."""
+
+    name: str = "rig"
+    cameras: tuple[str, ...] = Field(min_length=2, description="Names of the cameras.")
+
+
 class FieldFile(_Part):
     """A field file."""
 
@@ -108,11 +126,20 @@ class FieldFile(_Part):
     boards: tuple[BoardPart, ...] = Field((), max_length=1, description="At most one: a result has one frame.")
     distances: tuple[DistancePart, ...] = ()
     grid: GridPart | None = None
+    cameras: tuple[CameraPart, ...] = Field((), max_length=100, description="Several cameras.")
+    rigs: tuple[RigPart, ...] = ()
 
     @model_validator(mode="after")
     def _whole(self) -> "FieldFile":
         if twice := _twice([distance.name for distance in self.distances]):
             raise ValueError(f"two distances are called '{twice[0]}': give each a name of its own")
+        if twice := _twice([camera.name for camera in self.cameras]):
+            raise ValueError(f"two cameras are called '{twice[0]}': give each a name of its own")
+        held = [name for rig in self.rigs for name in rig.cameras]
+        if self.cameras and (alien := [name for name in held if name not in {one.name for one in self.cameras}]):
+            raise ValueError(f"a rig holds '{alien[0]}', and no camera is called so")
+        if twice := _twice(held):
+            raise ValueError(f"camera '{twice[0]}' is held twice")
         circles = self.target.kind.strip().startswith("circles")
         if circles and self.grid is None:
             raise ValueError("a grid of circles needs [grid] with spacing_mm")
@@ -146,6 +173,7 @@ def load_field_file(path: Path) -> FieldFile:
 
 PARTS: dict[str, type[BaseModel]] = {
     "target": TargetPart, "boards": BoardPart, "points": PlacePart, "distances": DistancePart, "grid": GridPart,
+    "cameras": CameraPart, "rigs": RigPart,
 }  # fmt: skip
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from testfield.calibrate.calibration import Calibration
 from testfield.camera.project import project
+from testfield.camera.several import by_camera
 from testfield.detect.observations import MEASURED, Observations
 from testfield.seeds import normals
 from testfield.targets.field import Field
@@ -37,8 +38,10 @@ def draw_certificates(
         poses = calibration.stations[place[rows]]
         local = calibration.scale * np.column_stack([sheet.marks.xy_mm, np.zeros(n)])
         moved = scale * (local + calibration.scale * off)
+        camera = calibration.camera_of_image[place[rows]]
         before, after = (
-            project(calibration.interior, poses, board.apply(at[observations.point[rows]])) for at in (local, moved)
+            by_camera(project, calibration.interiors, camera, poses, board.apply(at[observations.point[rows]]))
+            for at in (local, moved)
         )
         xy[rows] += after - before
     bars = tuple(
