@@ -169,6 +169,11 @@ def relative_orientations(imaging: Imaging, network: Network) -> tuple[dict, ...
         return ()
     turn = rotation_vector(network.members.R[1:])
     return tuple(
-        {"rig": rig, "camera": camera, "turn_rad": turn[k].tolist(), "t_mm": network.members.t_mm[k + 1].tolist()}
+        {
+            "rig": rig,
+            "camera": camera,
+            "turn_rad": tuple(turn[k].tolist()),
+            "t_mm": tuple(network.members.t_mm[k + 1].tolist()),
+        }
         for k, (rig, camera) in enumerate(imaging.members)
     )

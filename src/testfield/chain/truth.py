@@ -63,7 +63,10 @@ class Truth:
     @property
     def cameras(self) -> dict[str, World]:
         """By name, the world as each camera sees it at the first time."""
-        return {part.camera: world for part, world in reversed(list(zip(self.parts, self.worlds, strict=True)))}
+        found: dict[str, World] = {}
+        for part, world in zip(self.parts, self.worlds, strict=True):
+            found.setdefault(part.camera, world)
+        return found
 
     @property
     def largest_px(self) -> tuple[int, int]:

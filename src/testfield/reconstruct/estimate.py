@@ -131,7 +131,7 @@ def _settle(sights: Sights, calibration: Calibration, method: Method) -> Solved:
             return Solved(sights, solved.xyz_mm, solved.rays, solved.gain, started - sights.rays)
         # Of two rays that disagree neither can be told to be the wrong one.
         sights = sights.without(bad)
-        keep = sights.rays >= 2
+        keep = sights.places(calibration) >= 2
         sights, started = sights.take(keep), started[keep]
 
 

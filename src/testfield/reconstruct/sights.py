@@ -40,6 +40,14 @@ class Sights:
         """(n,) how many rays each point has."""
         return self.there.sum(axis=1)
 
+    def places(self, calibration: Calibration) -> np.ndarray:
+        """(n,) from how many places each point is seen: a camera that stays where it is sees it from one."""
+        _, place = np.unique(calibration.stations.origin_mm, axis=0, return_inverse=True)
+        seen = np.zeros((len(self), int(place.max(initial=-1)) + 1), bool)
+        point, slot = np.nonzero(self.there)
+        seen[point, place.ravel()[self.station[point, slot]]] = True
+        return seen.sum(axis=1)
+
     def take(self, points: np.ndarray) -> "Sights":
         """Some of the targets."""
         return Sights(**{name: values[points] for name, values in vars(self).items()})
@@ -67,7 +75,8 @@ def sights_of(observations: Observations, calibration: Calibration, field: Field
     row = here[np.minimum(first[:, None] + slot, max(len(here) - 1, 0))] if n else np.zeros((0, k), int)
     cov = np.where(there[..., None, None], rows.cov_px2[row], np.eye(2))
     radii = np.array([radius[int(c)] for c in code]) if rows.centre_of_disc else np.full(n, np.nan)
-    return Sights(code, station[row], there, rows.xy_px[row], cov, rows.moments_px2[row], radii)
+    found = Sights(code, station[row], there, rows.xy_px[row], cov, rows.moments_px2[row], radii)
+    return found.take(found.places(calibration) >= 2)
 
 
 @dataclass(frozen=True)

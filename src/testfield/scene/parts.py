@@ -93,7 +93,7 @@ def image_plans(scene: SceneFile) -> list[ImagePlan]:
 
 def member_poses(rig: RigPart) -> Poses:
     """Camera-from-rig poses of a rig's cameras."""
-    R = rotation(np.radians([one.rotation_deg for one in rig.cameras]))
+    R = np.swapaxes(rotation(np.radians([one.rotation_deg for one in rig.cameras])), 1, 2)
     centre = np.array([one.position_mm for one in rig.cameras], float)
     return Poses(R, -np.einsum("nij,nj->ni", R, centre))
 

@@ -242,7 +242,9 @@ class RigMemberPart(_Part):
 
     camera: Name = Field(description="Name of the camera.")
     position_mm: Vector3 = Field((0, 0, 0), description="Its projection centre in the rig's frame.")
-    rotation_deg: Vector3 = Field((0, 0, 0), description="Rotation vector that turns the rig's axes into its own.")
+    rotation_deg: Vector3 = Field(
+        (0, 0, 0), description="Rotation vector that turns the rig's axes into its own: (0, 8, 0) looks to the right."
+    )
     u_position_mm: PositiveFloat | None = Field(
         None, description="Standard uncertainty with which its position beside the rig's first camera is stated; with "
         "u_rotation_deg absent, nothing is stated.",
@@ -651,7 +653,9 @@ class StationPose(_Part):
     generator: Literal["pose"]
     name: Name = Field(description="Name of the station.")
     position_mm: Vector3 = Field(description="Projection centre.")
-    rotation_deg: Vector3 = Field(description="Rotation vector from the world's axes to the camera's.")
+    rotation_deg: Vector3 = Field(
+        description="Rotation vector of the exterior orientation as OpenCV gives it: x_camera = R x_world + t."
+    )
     camera: Name | None = Field(None, description="Which of several cameras stands here; absent where there is one.")
     rig: Name | None = Field(None, description="Which rig stands here.")
 
