@@ -24,9 +24,9 @@ from testfield.scene.truth import see
 from testfield.score.align import aligned_covariance
 from testfield.score.points import PointScore, score_points
 from testfield.seeds import normals
+from testfield.statistics.consistency import nees_band
 from testfield.uncertainty import rays
 from testfield.uncertainty.certificates import draw_certificates, draw_pixels
-from testfield.uncertainty.consistency import nees_band
 from testfield.uncertainty.monte_carlo import adaptive, of_few, tolerance, validate
 from testfield.uncertainty.propagation import Lengths, linear
 from testfield.uncertainty.rays import METHODS, RayTrials

@@ -39,8 +39,8 @@ from testfield.scene.world import World
 from testfield.score.camera import true_in_datum
 from testfield.score.points import score_points
 from testfield.seeds import seed_of
+from testfield.statistics.consistency import nees_band
 from testfield.store.digests import digest
-from testfield.uncertainty.consistency import nees_band
 
 GROUPS = ("camera", "boards", "check_points")
 P = 0.95
