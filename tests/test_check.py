@@ -42,7 +42,9 @@ def test_checks_pass_together_where_none_failed_or_is_open() -> None:
 
 
 def test_a_check_is_json_without_infinities() -> None:
-    check = Check(name="rms", value=np.float64(0.1), interval=(-np.inf, 0.2), limit=Limit(most=0.3), unit="px", how="so")
+    check = Check(
+        name="rms", value=np.float64(0.1), interval=(-np.inf, 0.2), limit=Limit(most=0.3), unit="px", how="so"
+    )
     row = json.loads(json.dumps(check.row(), allow_nan=False))
     assert row == {
         "name": "rms", "value": 0.1, "low": None, "high": 0.2, "least": None, "most": 0.3, "unit": "px",
