@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 from hand_made import HandMade, Page
 
-from testfield.bench.claims import Errors, _summary
+from testfield.bench.claim_figures import Errors, summary
 from testfield.bench.clutter import ClutteredView
 from testfield.bench.recall import Recall, count
 from testfield.bench.scatter import figures as scatter
@@ -230,7 +230,7 @@ def test_claims_are_summed_over_trials_as_the_hand_does() -> None:
     """Two parts of two coordinates; u = 1 and 2: (2, 1) and (3, 0), then (0, 0) and (0, 2)."""
     cov = np.diag([1.0, 4, 1, 4])
     trials = [Errors(np.array(e), cov, 2) for e in ([2.0, 1, 3, 0], [0, 0, 0, 2.0])]
-    found = _summary(trials)
+    found = summary(trials)
     assert found["nees_each"] == pytest.approx([(4 + 0.25 + 9 + 0) / 4, 1 / 4])
     assert found["nees"] == pytest.approx(14.25 / 8)
     assert (found["degrees_of_freedom"], found["regions"]) == (4, 4)

@@ -277,15 +277,6 @@ def test_claims_hold_over_worlds_and_half_claims_do_not() -> None:
     assert figures["sigma0"] == pytest.approx(1, abs=0.05)
 
 
-@pytest.mark.slow
-def test_claims_hold_over_fifty_worlds() -> None:
-    path = SCENES / "stitched_wall.toml"
-    figures = over_worlds(path.read_text(), path, 50, lambda _: None)
-    for group in ("camera", "boards", "check_points"):
-        assert 0.9 < figures[group]["nees"] < 1.1
-        assert 0.93 < figures[group]["coverage_95"] < 0.97
-
-
 @pytest.mark.parametrize("exposures", [1, pytest.param(3, marks=pytest.mark.slow)])
 def test_claims_hold_over_new_exposures_of_one_render(quick: Run, exposures: int) -> None:
     figures = over_exposures(quick, exposures, lambda _: None)

@@ -86,6 +86,21 @@ class Check:
         plain = {name: float(number) if np.isfinite(number) else None for name, number in numbers.items()}
         return {"name": self.name, **plain, "unit": self.unit, "outcome": self.outcome.value, "how": self.how}
 
+    @staticmethod
+    def of_row(row: dict[str, Any]) -> "Check":
+        """The check that `row` gave."""
+        least, most = row["least"], row["most"]
+        limit = Limit(-np.inf if least is None else least, np.inf if most is None else most)
+        ends = row["low"], row["high"]
+        return Check(
+            name=row["name"],
+            value=np.nan if row["value"] is None else row["value"],
+            interval=None if None in ends else ends,
+            limit=None if least is most is None else limit,
+            unit=row["unit"],
+            how=row["how"],
+        )
+
 
 def all_passed(checks: Iterable[Check]) -> bool:
     """Whether no check with a stated limit failed or is open."""

@@ -29,7 +29,18 @@ class Pool(Protocol):
         """A future of the function's result, with `done`, `result` and `add_done_callback`."""
 
 
-def each(
+def each(function: Callable[[Item], Result], items: Sequence[Item], jobs: int = 1, **how: Any) -> Iterator[Result]:
+    """The function's result for each item, in the order of the items, however they are done: `as_done`, sorted."""
+    results: dict[int, Result] = {}
+    following = 0
+    for k, result in as_done(function, items, jobs, **how):
+        results[k] = result
+        while following in results:
+            yield results.pop(following)
+            following += 1
+
+
+def as_done(
     function: Callable[[Item], Result],
     items: Sequence[Item],
     jobs: int = 1,
@@ -39,8 +50,8 @@ def each(
     kept: Callable[[int], bool] = lambda _: False,
     moved: Callable[[int], None] = lambda _: None,
     alone: int = 1,
-) -> Iterator[Result]:
-    """The function's result for each item, in the order of the items, however they are done.
+) -> Iterator[tuple[int, Result]]:
+    """Each item's number with the function's result, as they are done.
 
     `jobs` processes of this machine do them, or a `pool` if one is given; this process does them itself where jobs is
     1 or there are no more than `alone` groups, for a pool takes seconds to begin. `groups` are items by number that one
@@ -55,18 +66,13 @@ def each(
         done = _here(function, items, parts)
     else:
         done = _elsewhere(function, items, parts, nullcontext(pool) if pool else local_pool(jobs), kept)
-    results: dict[int, Result] = {}
     told: set[int] = set()
-    following = 0
     for k, *result in done:
         if k not in told:
             moved(k)
             told.add(k)
         if result:
-            results[k] = result[0]
-        while following in results:
-            yield results.pop(following)
-            following += 1
+            yield k, result[0]
 
 
 Done = Iterator[tuple[int] | tuple[int, Any]]
