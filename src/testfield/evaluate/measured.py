@@ -8,9 +8,10 @@ from testfield.camera.images import Frame, Radiance
 from testfield.chain.recipe import recipe_of
 from testfield.chain.run import Run
 from testfield.chain.stages import run_stage
+from testfield.detect.observations import Observations
 from testfield.errors import TestfieldError
 from testfield.evaluate.case import Case
-from testfield.measure.pipeline import measure
+from testfield.measure.pipeline import Measured, detect, measure
 from testfield.scene.exposure import sensor_of
 from testfield.score.scorecard import plain, scorecard
 from testfield.sensor.expose import expose
@@ -26,12 +27,21 @@ def scorecard_row(case: Case, run: Run | None) -> list[dict[str, Any]]:
         raise TestfieldError("this case has no scene to measure", str(case.labels), "give it one, or a work of its own")
     recipe = case.recipe or recipe_of(run.scene)
     recipe.check(recipe.name)
-    found = measure(_frames(case, run), run.field, recipe)
+    frames = _frames(case, run)
+    seen = Observations.join([detect(frame, run.field, recipe) for frame in frames], run.stations)
+    found = measure(run.truth.by_cameras(seen), run.field, recipe)
+    return [flat(plain(_scorecard(found, run)))]
+
+
+def _scorecard(found: Measured, run: Run) -> dict[str, Any]:
     with TemporaryDirectory() as folder:
-        paths = [Path(folder) / name for name in ("observations.parquet", "calibration.json", "points.parquet")]
-        for result, path in zip((found.observations, found.calibration, found.points), paths, strict=True):
-            result.save(path)
-        return [flat(plain(scorecard(run.world, run.views, *paths)))]
+        observations, calibration, points = (Path(folder) / name for name in ("o.parquet", "c.json", "p.parquet"))
+        found.observations.save(observations)
+        found.calibration.save(calibration)
+        found.points.save(points)
+        return scorecard(
+            run.world, run.views, observations, calibration, points, cameras=run.truth.cameras, rigs=run.scene.rigs
+        )
 
 
 def flat(card: dict[str, Any], before: str = "") -> dict[str, Any]:
@@ -51,6 +61,12 @@ def _frames(case: Case, run: Run) -> list[Frame]:
     if case.noise_seed is None:
         run_stage(run, "expose")
         return [Frame.load(run.need(f"frames/{name}.png", "expose"), name) for name in run.stations]
-    sensor = sensor_of(run.scene)
-    radiance = (Radiance.load(run.need(f"radiance/{name}.exr", "render")) for name in run.stations)
-    return [expose(one, sensor, run.scene.seed, noise_seed=case.noise_seed) for one in radiance]
+    return [
+        expose(
+            Radiance.load(run.need(f"radiance/{name}.exr", "render")),
+            sensor_of(part.scene),
+            part.sensor_seed,
+            noise_seed=case.noise_seed,
+        )
+        for part, _, _, name in run.truth.images()
+    ]
