@@ -18,6 +18,7 @@ from testfield.evaluate.check import Check, Limit, Outcome, all_passed, table
         (0.95, None, Limit(least=0.9), Outcome.PASS),
         (1.0, (0.95, 1.05), Limit(0.9, 1.1), Outcome.PASS),
         (1.0, (0.85, 1.15), Limit(0.9, 1.1), Outcome.OPEN),
+        (1.05, (0.95, 1.15), Limit(0.9, 1.1), Outcome.OPEN),
         (1.2, (1.15, 1.25), Limit(0.9, 1.1), Outcome.FAIL),
         (np.nan, (np.nan, np.nan), Limit(0.9, 1.1), Outcome.FAIL),
         (1.0, (-np.inf, np.inf), Limit(0.9, 1.1), Outcome.OPEN),
