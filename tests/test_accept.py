@@ -25,8 +25,8 @@ from testfield.score.camera import true_in_datum
 from testfield.score.flatness import flatness, form_error, in_a_row
 from testfield.score.length_test import Limit, MeasuredLengths, figures, judge, limit_of, smallest_a
 from testfield.score.points import score_points
+from testfield.statistics.consistency import decorrelated, nees_band, pit_uniformity
 from testfield.targets.field import Field
-from testfield.uncertainty.consistency import decorrelated, nees_band, pit_uniformity
 
 SCENES = Path(__file__).parents[1] / "scenes"
 TIGHT = Limit(1e-9)

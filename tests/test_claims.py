@@ -16,7 +16,7 @@ from testfield.scene.truth import see
 from testfield.scene.world import World
 from testfield.score.camera import score_boards, score_camera
 from testfield.score.points import score_lengths, score_points
-from testfield.uncertainty.consistency import nees_band
+from testfield.statistics.consistency import nees_band
 
 QUICK = Path(__file__).parents[1] / "scenes/quick.toml"
 SIGMA_PX = 0.01

@@ -10,7 +10,7 @@ from testfield.reconstruct.points import Points
 from testfield.registry import find
 from testfield.scene.frames import camera_looking
 from testfield.score.acceptance import measured
-from testfield.uncertainty.consistency import decorrelated, pit_uniformity, zeta
+from testfield.statistics.consistency import decorrelated, pit_uniformity, zeta
 from testfield.uncertainty.expanded import effective_freedom, expanded_factor
 
 

@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 from hand_made import HandMade, Page
 
-from testfield.bench.claims import Errors, _summary
+from testfield.bench.claim_figures import Errors, summary
 from testfield.bench.clutter import ClutteredView
 from testfield.bench.recall import Recall, count
 from testfield.bench.scatter import figures as scatter
@@ -183,13 +183,24 @@ def test_scatter_bias_and_honesty_of_an_estimator_by_hand() -> None:
     assert found["bias"] == pytest.approx((b**2 / 2 - 4 / 3 * s**2 / 2 / 4) ** 0.5 * 2**0.5 / sigma)
     assert found["bias_by_dot_seen"] == pytest.approx((b**2 / 2) ** 0.5 / sigma)
     assert found["chi2"] == pytest.approx((b**2 + s**2) / claimed**2 / 2)
-    # chi-squared of 30 degrees of freedom at 2.5 and 97.5 %, from a printed table
-    assert found["sigma_band_px"] == pytest.approx(
-        [sigma / (46.979 / 30) ** 0.5, sigma / (16.791 / 30) ** 0.5], rel=1e-4
-    )
-    assert found["efficiency_band"] == pytest.approx(
-        [found["efficiency"] * 16.791 / 30, found["efficiency"] * 46.979 / 30], rel=1e-4
-    )
+    # Of two runs 0.03125, of two 0.78125; Student's t of 3 degrees is 3.182446.
+    assert found["chi2_band"] == pytest.approx([0.40625 + sign * 3.182446 * 0.75 / 12**0.5 for sign in (-1, 1)])
+    assert found["sigma_band_px"] == pytest.approx([sigma, sigma])  # every run scatters alike
+    assert found["efficiency_band"] == pytest.approx([found["efficiency"]] * 2)
+
+
+def test_bands_of_an_estimator_hold_though_all_dots_of_an_exposure_err_alike() -> None:
+    rng, n, held = np.random.default_rng(12), 6, 0
+    cov = np.tile(0.01**2 * np.eye(2), (n, 1, 1))
+    for _ in range(200):
+        runs = []
+        for _ in range(20):
+            error = 0.01 * (np.sqrt(0.9) * rng.standard_normal(2) + np.sqrt(0.1) * rng.standard_normal((n, 2)))
+            runs.append(Centres(error, cov, cov, *(np.ones(n) for _ in range(4)), np.ones(n, bool)))
+        found = scatter(runs, np.zeros((n, 2)), cov)
+        bands = [found[f"{name}_band"] for name in ("chi2", "efficiency")] + [100 * np.array(found["sigma_band_px"])]
+        held += sum(low <= 1 <= high for low, high in bands)
+    assert 0.9 < held / 600 < 0.98
 
 
 def test_recall_counts_what_is_found_missed_misread_and_false() -> None:
@@ -230,7 +241,7 @@ def test_claims_are_summed_over_trials_as_the_hand_does() -> None:
     """Two parts of two coordinates; u = 1 and 2: (2, 1) and (3, 0), then (0, 0) and (0, 2)."""
     cov = np.diag([1.0, 4, 1, 4])
     trials = [Errors(np.array(e), cov, 2) for e in ([2.0, 1, 3, 0], [0, 0, 0, 2.0])]
-    found = _summary(trials)
+    found = summary(trials)
     assert found["nees_each"] == pytest.approx([(4 + 0.25 + 9 + 0) / 4, 1 / 4])
     assert found["nees"] == pytest.approx(14.25 / 8)
     assert (found["degrees_of_freedom"], found["regions"]) == (4, 4)

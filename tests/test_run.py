@@ -16,7 +16,7 @@ from testfield.chain.run import Run, begin, resume
 from testfield.chain.stages import STAGES, run_stage
 from testfield.errors import TestfieldError
 from testfield.score.scorecard import figure
-from testfield.uncertainty.consistency import nees_band
+from testfield.statistics.consistency import nees_band
 
 QUICK = Path(__file__).parents[1] / "scenes/quick.toml"
 TINY = Path(__file__).parent / "torture/tiny.toml"

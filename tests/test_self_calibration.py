@@ -29,8 +29,8 @@ from testfield.scene.truth import see
 from testfield.score.align import aligned_covariance, rigid_fit
 from testfield.score.camera import interior_difference
 from testfield.score.points import score_lengths, score_points
+from testfield.statistics.consistency import nees_band
 from testfield.targets.field import ScaleBar
-from testfield.uncertainty.consistency import nees_band
 
 SIGMA_PX = 0.05
 CAMERA = Interior(4096, 3000, np.array([4000.0, 4003, 2040, 1505, -0.1, 0.1, 0.01, 3e-4, -2e-4]))

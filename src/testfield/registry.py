@@ -34,10 +34,12 @@ def names(stage: str) -> list[str]:
 
 
 @lru_cache
-def own_modules() -> tuple[str, ...]:
-    """Names of this package's modules that announce an algorithm of any stage, sorted."""
-    points = {point.module for stage in STAGES for point in entry_points(group=f"testfield.{stage}")}
-    return tuple(sorted(module for module in points if module.partition(".")[0] == "testfield"))
+def announced() -> dict[str, frozenset[str]]:
+    """The modules, of any package, that announce an algorithm of any stage, by the algorithm's name."""
+    found: dict[str, set[str]] = {}
+    for point in (point for stage in STAGES for point in entry_points(group=f"testfield.{stage}")):
+        found.setdefault(point.name, set()).add(point.module)
+    return {name: frozenset(modules) for name, modules in found.items()}
 
 
 def module_of(stage: str, name: str) -> str:

@@ -670,6 +670,34 @@ BENCH = [
     ),
     Defect("false finds are not counted", "count", "int((measured & ~here).sum())", "0", RECALL),
     Defect(
+        "a share of clusters scatters like independent trials",
+        "share_of_clusters",
+        "variance = clusters / (clusters - 1) * square.sum() / total**2",
+        "variance = share * (1 - share) / total",
+        "tests/test_statistics.py::test_a_shares_interval_holds_whatever_the_correlation_within_clusters",
+    ),
+    Defect(
+        "the jackknife of n clusters as if of n values",
+        "jackknife",
+        "np.sqrt((n - 1) / n * __x__)",
+        "np.sqrt(1 / (n - 1) / n * __x__)",
+        "tests/test_statistics.py::test_the_jackknife_of_a_mean_is_students_interval",
+    ),
+    Defect(
+        "a check that is open passes",
+        "Check.outcome",
+        "self.limit.holds(low) and self.limit.holds(high)",
+        "self.limit.holds(low) or self.limit.holds(high)",
+        "tests/test_check.py::test_the_outcome_is_that_of_the_interval",
+    ),
+    Defect(
+        "a covariance that is wrong stays within the band",
+        "claim_checks",
+        "Limit(1 - (high - nees.value), 1 + (nees.value - low))",
+        "Limit(0, 2)",
+        "tests/test_claims_over_worlds.py::test_a_covariance_one_fifth_wrong_turns_a_suite_red",
+    ),
+    Defect(
         "coverage of a sphere of one coordinate", "Errors.covered", "chi2.ppf(P, self.size)", "chi2.ppf(P, 1)", SUMMARY
     ),
     Defect("NEES of claims not per degree of freedom", "Errors.nees", "max(len(self.error), 1)", "1", SUMMARY),

@@ -15,19 +15,20 @@ a pixel, between its true images in the drawn world and in the rendered one.
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import count
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2
 
+from testfield.bench.claim_figures import Errors, Tally, claim_checks, summary
 from testfield.bench.drawn import draw_observations
 from testfield.calibrate.calibration import Calibration
 from testfield.camera.circle import disc_image
 from testfield.camera.pose import rotation_vector
 from testfield.camera.project import project
 from testfield.chain.recipe import recipe_of
-from testfield.chain.run import Run, with_seed
+from testfield.chain.run import Run, resume, with_seed
 from testfield.chain.trials import Trials, reexposed
 from testfield.detect.observations import Observations
 from testfield.measure.pipeline import measure
@@ -40,32 +41,10 @@ from testfield.score.camera import true_in_datum
 from testfield.score.points import score_points
 from testfield.seeds import seed_of
 from testfield.store.digests import digest
-from testfield.uncertainty.consistency import nees_band
+from testfield.store.kept import make_each
+from testfield.store.work import each
 
 GROUPS = ("camera", "boards", "check_points")
-P = 0.95
-
-
-@dataclass(frozen=True)
-class Errors:
-    """Errors of one trial and what was claimed of them: `error` (d,), `cov` (d, d), in parts of `size`, each
-    with a coverage region of its own."""
-
-    error: np.ndarray
-    cov: np.ndarray
-    size: int
-
-    @property
-    def nees(self) -> float:
-        """Normalised estimation error squared of all together, per degree of freedom."""
-        return float(self.error @ np.linalg.solve(self.cov, self.error)) / max(len(self.error), 1)
-
-    @property
-    def covered(self) -> np.ndarray:
-        """Whether each part lies in its own region at `P`."""
-        parts = [slice(k, k + self.size) for k in range(0, len(self.error), self.size)]
-        radius = [self.error[s] @ np.linalg.solve(self.cov[s, s], self.error[s]) for s in parts]
-        return np.array(radius) <= chi2.ppf(P, self.size)
 
 
 def errors_of(world: World, calibration: Calibration, points: Points) -> dict[str, Errors]:
@@ -76,51 +55,86 @@ def errors_of(world: World, calibration: Calibration, points: Points) -> dict[st
     }  # fmt: skip
 
 
-def over_worlds(text: str, source: Path, worlds: int, tell: Callable[[str], None]) -> dict[str, Any]:
+@dataclass(frozen=True)
+class Trial:
+    """What one world gave: its `errors` by group, `rmse_mm` and mean claimed `u_mm` of its check points, `sigma0`."""
+
+    errors: dict[str, Errors]
+    rmse_mm: float
+    u_mm: float
+    sigma0: float
+
+
+def over_worlds(text: str, source: Path, worlds: int, tell: Callable[[str], None], jobs: int = 1) -> dict[str, Any]:
     """NEES and coverage over worlds that differ by the scene's seed, with pixels drawn from the truth."""
-    found: list[dict[str, Errors]] = []
-    accuracy, sigma0 = [], []
-    first = parse_scene(text, str(source), source.parent).seed
-    for k in range(worlds):
-        scene = parse_scene(with_seed(text, seed_of(first, f"claims/{k}") >> 33), str(source), source.parent)
-        world = build_world(scene)
-        observations = draw_observations(scene, world, see(world), seed_of(scene.seed, "claims/pixels"))
-        measured = measure(observations, world.field, recipe_of(scene))
-        calibration, points = measured.calibration, measured.points
-        found.append(errors_of(world, calibration, points))
-        score = score_points(world, calibration, points)
-        accuracy.append([np.sqrt((score.error_mm**2).mean()), np.sqrt((score.u_mm**2).mean())])
-        sigma0.append(calibration.sigma0)
-        tell(f"world {k + 1} of {worlds}")
-    rmse, u = np.sqrt(np.mean(np.square(accuracy), axis=0))
+    trials = drawn_worlds(text, source, worlds, tell, jobs)
+    rmse, u = (float(np.sqrt(np.mean(np.square(v)))) for v in zip(*((t.rmse_mm, t.u_mm) for t in trials), strict=True))
     return {
-        "worlds": worlds, "rmse_mm": float(rmse), "mean_u_mm": float(u), "rmse_over_u": float(rmse / u),
-        "sigma0": float(np.mean(sigma0)),
-        **{group: _summary([errors[group] for errors in found]) for group in GROUPS},
-    }  # fmt: skip
+        "worlds": worlds, "rmse_mm": rmse, "mean_u_mm": u, "rmse_over_u": rmse / u,
+        "sigma0": float(np.mean([trial.sigma0 for trial in trials])),
+    } | figures_of([trial.errors for trial in trials])  # fmt: skip
+
+
+def drawn_worlds(
+    text: str, source: Path, worlds: int, tell: Callable[[str], None] = lambda _: None, jobs: int = 1
+) -> list[Trial]:
+    """What worlds that differ by the scene's seed give, with pixels drawn from the truth."""
+    done = count(1)
+    of_world = partial(_drawn_world, text, source)
+    return list(each(of_world, range(worlds), jobs, moved=lambda _: tell(f"world {next(done)} of {worlds}")))
+
+
+def _drawn_world(text: str, source: Path, number: int) -> Trial:
+    first = parse_scene(text, str(source), source.parent).seed
+    scene = parse_scene(with_seed(text, seed_of(first, f"claims/{number}") >> 33), str(source), source.parent)
+    world = build_world(scene)
+    observations = draw_observations(scene, world, see(world), seed_of(scene.seed, "claims/pixels"))
+    measured = measure(observations, world.field, recipe_of(scene))
+    score = score_points(world, measured.calibration, measured.points)
+    return Trial(
+        errors=errors_of(world, measured.calibration, measured.points),
+        rmse_mm=float(np.sqrt((score.error_mm**2).mean())),
+        u_mm=float(np.sqrt((score.u_mm**2).mean())),
+        sigma0=measured.calibration.sigma0,
+    )
 
 
 def over_exposures(run: Run, exposures: int, tell: Callable[[str], None]) -> dict[str, Any]:
     """NEES and coverage over new exposures of a run's radiance, each with a workshop of its own; finished ones are kept
     in the run's folder."""
-    found: list[dict[str, Errors]] = []
-    trials = Trials(run, "exposure")
-    rendered = _true_px(run.world)
-    for k in range(exposures):
-        name = f"claims/{k:04d}.parquet"
-        run.ledger.make(name, digest(trials.key, k), partial(_again, run, k))
-        world = build_world(run.scene, workshop=seed_of(run.scene.seed, f"claims/{k}/workshop"))
-        observations = _moved(Observations.load(run.folder / name), run.world, _true_px(world) - rendered)
-        again = measure(observations, world.field, recipe_of(run.scene))
-        found.append(errors_of(world, again.calibration, again.points))
-        tell(f"exposure {k + 1} of {exposures}")
-    return {"exposures": exposures} | {
-        group: _summary([errors[group] for errors in found]) for group in GROUPS
-    }  # fmt: skip
+    key, exposed, measured = Trials(run, "exposure").key, count(1), count(1)
+    files = [(f"claims/{k:04d}.parquet", digest(key, k)) for k in range(exposures)]
+    make_each(
+        run.ledger,
+        files,
+        partial(_expose_again, run.folder),
+        run.jobs,
+        moved=lambda _: tell(f"exposure {next(exposed)} of {exposures}"),
+    )
+    of_exposure = partial(_measured_again, run, _true_px(run.world))
+    found = each(of_exposure, range(exposures), moved=lambda _: tell(f"measured {next(measured)} of {exposures}"))
+    return {"exposures": exposures} | figures_of(list(found))
 
 
-def _again(run: Run, number: int, path: Path) -> None:
+def _expose_again(folder: Path, number: int, path: Path) -> None:
+    run = resume(folder, 1)
     reexposed(run, seed_of(run.scene.seed, f"claims/{number}")).save(path)
+
+
+def _measured_again(run: Run, rendered_px: np.ndarray, number: int) -> dict[str, Errors]:
+    """Errors by group of one exposure, whose marks are those of a workshop of its own."""
+    world = build_world(run.scene, workshop=seed_of(run.scene.seed, f"claims/{number}/workshop"))
+    observations = Observations.load(run.folder / f"claims/{number:04d}.parquet")
+    moved = _moved(observations, run.world, _true_px(world) - rendered_px)
+    again = measure(moved, world.field, recipe_of(run.scene))
+    return errors_of(world, again.calibration, again.points)
+
+
+def figures_of(found: list[dict[str, Errors]]) -> dict[str, Any]:
+    """The groups' figures over trials, and the checks of their claims as plain values."""
+    by_group = {group: [errors[group] for errors in found] for group in GROUPS}
+    checks = claim_checks({group: Tally.of(trials) for group, trials in by_group.items()})
+    return {group: summary(trials) for group, trials in by_group.items()} | {"checks": [c.row() for c in checks]}
 
 
 def _true_px(world: World) -> np.ndarray:
@@ -148,16 +162,6 @@ def _moved(observations: Observations, world: World, shift_px: np.ndarray) -> Ob
 def _names(board: np.ndarray, point: np.ndarray, code: np.ndarray) -> list[tuple[int, int]]:
     """A mark's name: its board and its place there, or -1 and its code."""
     return list(zip(board.tolist(), np.where(board >= 0, point, code).tolist(), strict=True))
-
-
-def _summary(trials: list[Errors]) -> dict[str, Any]:
-    nees, d = np.array([t.nees for t in trials]), len(trials[0].error)
-    covered = np.concatenate([t.covered for t in trials])
-    return {
-        "degrees_of_freedom": d, "nees": float(nees.mean()), "nees_each": nees.tolist(),
-        "coverage_95": float(covered.mean()), "regions": len(covered),
-        "nees_band_95": list(nees_band(sum(len(t.error) for t in trials))),
-    }  # fmt: skip
 
 
 def _camera(world: World, calibration: Calibration) -> Errors:

@@ -15,8 +15,10 @@ import numpy as np
 from testfield.bench.centring import BEST, SEED, Task, measure
 from testfield.bench.dots import Case
 from testfield.chain.code import code_digest
+from testfield.evaluate.check import Check, Limit
 from testfield.registry import module_of, names
 from testfield.store.digests import digest
+from testfield.store.kept import make_each
 from testfield.store.ledger import Ledger
 from testfield.store.text import read_text, write_text
 
@@ -74,21 +76,18 @@ def _task(case: Case, quick: bool, others: int) -> Task:
     return Task(case, EXPOSURES, EXPOSURES // 2, others)
 
 
-def run(tasks: Plan, folder: Path, tell: Callable[[str], None]) -> Series:
-    """Measure what is not yet kept in `folder`; a run that was stopped goes on where it was, with the same figures."""
+def run(tasks: Plan, folder: Path, tell: Callable[[str], None], jobs: int = 1) -> Series:
+    """Measure what is not yet kept in `folder`, by so many processes; a run that was stopped goes on where it was, with
+    the same figures."""
     ledger = Ledger(folder / KEPT)
     source = code_digest("testfield.bench.centring", *sorted({module_of("centroids", n) for n in names("centroids")}))
     keys = {task: digest(task, SEED, names("centroids"), source) for _, task in tasks}
     missing = [task for task, key in keys.items() if not ledger.fresh(file_name(task), key)]
     if kept := len(keys) - len(missing):
         tell(f"{kept} of {len(keys)} cases are kept from before")
-    total, done, start = sum(map(effort, missing)), 0.0, time.monotonic()
-    for k, task in enumerate(missing):
-        left = (time.monotonic() - start) * (total - done) / done if done else float("nan")
-        end = f", {left / 60:.1f} min to go" if done else ""
-        tell(f"case {kept + k + 1} of {len(keys)}{end}: {text(vars(task.case))}")
-        ledger.make(file_name(task), keys[task], partial(_write, task))
-        done += effort(task)
+    progress = _Progress(missing, len(keys), tell)
+    files = [(file_name(task), keys[task]) for task in missing]
+    make_each(ledger, files, partial(_write, missing), jobs, moved=progress.moved)
     series: Series = {}
     for factor, task in tasks:
         row = json.loads(read_text(ledger.folder / file_name(task)))
@@ -96,8 +95,24 @@ def run(tasks: Plan, folder: Path, tell: Callable[[str], None]) -> Series:
     return series
 
 
-def _write(task: Task, path: Path) -> None:
-    write_text(path, json.dumps(measure(task)))
+class _Progress:
+    """Tells which case is done, and how long the rest will take by the effort so far."""
+
+    def __init__(self, missing: list[Task], cases: int, tell: Callable[[str], None]):
+        self.missing, self.cases, self.tell = missing, cases, tell
+        self.count, self.done, self.start = cases - len(missing), 0.0, time.monotonic()
+
+    def moved(self, number: int) -> None:
+        """Case `number` of those that were missing is done."""
+        self.count += 1
+        self.done += effort(self.missing[number])
+        left = (time.monotonic() - self.start) * (sum(map(effort, self.missing)) / self.done - 1)
+        end = f", {left / 60:.1f} min to go" if self.count < self.cases else ""
+        self.tell(f"case {self.count} of {self.cases} is done{end}: {text(vars(self.missing[number].case))}")
+
+
+def _write(tasks: list[Task], number: int, path: Path) -> None:
+    write_text(path, json.dumps(measure(tasks[number])))
 
 
 def effort(task: Task) -> float:
@@ -179,6 +194,6 @@ def _worst(
 
 
 def _verdict(name: str, measured: float, least: float | None, most: float | None) -> dict[str, Any]:
-    met = (least is None or measured >= least) and (most is None or measured <= most)
-    shown = float(measured) if np.isfinite(measured) else None
-    return {"name": name, "measured": shown, "least": least, "most": most, "met": bool(met)}
+    limit = Limit(-np.inf if least is None else least, np.inf if most is None else most)
+    check = Check(name=name, value=measured, limit=limit)
+    return {"name": name, "measured": check.row()["value"], "least": least, "most": most, "met": check.passed}

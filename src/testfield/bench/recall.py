@@ -11,6 +11,7 @@ from testfield.bench.clutter import SENSOR, ClutteredView, cluttered_view
 from testfield.camera.images import Frame
 from testfield.detect.detect import Targets, bright_marks, measure_targets
 from testfield.detect.observations import MEASURED
+from testfield.evaluate.check import Check, Limit
 from testfield.render.fast import render_fast
 from testfield.render.stage import build_stage
 from testfield.sensor.expose import expose
@@ -61,14 +62,19 @@ class Recall:
     def verdicts(self) -> list[dict[str, Any]]:
         """What is asked, what was measured, and whether that is enough; nothing is met that was not tried."""
         found, right = 100 * self.found / max(self.clear, 1), 100 * self.right / max(self.found, 1)
-        rows = [
-            (f"found of {self.clear} in clear sight, 8 px or more, to 60 degrees, %", found, FOUND, self.clear),
-            ("of these read rightly, %", right, READ, self.found),
-            (f"wrong numbers in {self.rendered} targets", self.wrong, 0, self.rendered),
+        asked = [
+            (
+                f"found of {self.clear} in clear sight, 8 px or more, to 60 degrees, %",
+                found,
+                Limit(least=FOUND),
+                self.clear,
+            ),
+            ("of these read rightly, %", right, Limit(least=READ), self.found),
+            (f"wrong numbers in {self.rendered} targets", self.wrong, Limit(most=0), self.rendered),
             (
                 f"false finds in {self.empty_views} views without targets",
                 self.false_in_empty_views,
-                0,
+                Limit(most=0),
                 self.empty_views,
             ),
         ]
@@ -76,10 +82,10 @@ class Recall:
             {
                 "name": name,
                 "measured": value,
-                "limit": limit,
-                "met": bool(n) and (value >= limit if limit else not value),
+                "limit": limit.most if np.isinf(limit.least) else limit.least,
+                "met": bool(tried) and Check(name=name, value=value, limit=limit).passed,
             }
-            for name, value, limit, n in rows
+            for name, value, limit, tried in asked
         ]
 
 

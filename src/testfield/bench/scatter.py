@@ -1,14 +1,16 @@
 """What many measurements of the same centres are worth: scatter, bias without chance, honesty of the claim."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from scipy.optimize import brentq
-from scipy.stats import chi2 as chi_squared
 from scipy.stats import ncx2
 
 from testfield.detect.centre import Centres
+from testfield.statistics.clusters import cluster_means, mean_of_clusters
+from testfield.statistics.jackknife import jackknife_ratio
 
 LEAST_TIMES, LEAST_DOTS = 3, 5
 """A dot counts where it was measured so often; a case where so many dots count."""
@@ -19,10 +21,11 @@ TAILS = ((1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2)
 def figures(runs: Sequence[Centres], true_px: np.ndarray, bound_px2: np.ndarray) -> dict[str, Any]:
     """An estimator's runs over the same n dots, of true centres (n, 2) and least covariances (n, 2, 2).
 
-    Bands are of 95 %. Scatter (`sigma_px`) and `efficiency` are about each dot's own mean. `bias` is the length of the
-    mean error of all dots together, `bias_by_dot` the rms of each dot's own mean error, a coordinate: in units of
-    `sigma_px`, as `_seen`, then less what chance makes of it, and with a band. `chi2` is of the errors by the claimed
-    covariance, per degree of freedom.
+    Bands are of 95 %, from the spread between exposures: dots of one share what they believe of the light. Scatter
+    (`sigma_px`) and `efficiency` are about each dot's own mean. `bias` is the length of the mean error of all dots
+    together, `bias_by_dot` the rms of each dot's own mean error, a coordinate: in units of `sigma_px`, as `_seen`, then
+    less what chance makes of it, and with a band. `chi2` is of the errors by the claimed covariance, per degree of
+    freedom.
     """
     ok = np.stack([run.ok for run in runs])
     error = np.where(ok[..., None], np.stack([run.xy_px for run in runs]) - true_px, np.nan)
@@ -37,17 +40,19 @@ def figures(runs: Sequence[Centres], true_px: np.ndarray, bound_px2: np.ndarray)
     sizes = np.einsum("rni,nij,rnj->rn", apart, np.linalg.inv(bound_px2[often]), apart)
     sigma = float(np.sqrt(np.nanmean(apart**2)))
     efficiency = float(2 / np.nanmean(sizes))
-    freedom = 2 * int((count - 1).sum())
-    low, high = chi_squared.ppf(TAILS, freedom) / freedom
+    # By exposure: coordinates, and the sums of their squares, plain and in units of the bound.
+    coordinates, squares = 2 * ok.sum(axis=1), np.nansum(apart**2, axis=(1, 2))
+    _, *sigma_band = jackknife_ratio(squares, coordinates, 0.5, CONFIDENCE)
+    _, *efficiency_band = jackknife_ratio(coordinates, np.nansum(sizes, axis=1), p=CONFIDENCE)
     result |= {
         "exposures": len(runs),
         "sigma_px": sigma,
-        "sigma_band_px": [sigma / np.sqrt(high), sigma / np.sqrt(low)],
+        "sigma_band_px": sigma_band,
         "rms_px": float(np.sqrt(np.nanmean(error**2))),
         "efficiency": efficiency,
-        "efficiency_band": [efficiency * low, efficiency * high],
+        "efficiency_band": efficiency_band,
     }
-    # Dots of one exposure share what they believe of the light, exposures share nothing: chance is judged by them.
+    # Exposures share nothing: chance is judged by them.
     seen = ok.any(axis=1)
     together = np.nanmean(error[seen], axis=1)
     chance = float(together.var(axis=0, ddof=1).mean()) / seen.sum()
@@ -60,8 +65,9 @@ def figures(runs: Sequence[Centres], true_px: np.ndarray, bound_px2: np.ndarray)
     if claimed.any():
         e = error[claimed]
         nees = np.einsum("ni,nij,nj->n", e, np.linalg.inv(covariance[claimed]), e) / 2
-        half = 1.96 * float(nees.std()) / np.sqrt(len(nees))
-        result |= {"chi2": float(nees.mean()), "chi2_band": [float(nees.mean()) - half, float(nees.mean()) + half]}
+        value = float(nees.mean())
+        by_exposure = mean_of_clusters(cluster_means(nees, np.nonzero(claimed)[0]))
+        result |= {"chi2": value, "chi2_band": list(replace(by_exposure, value=value).interval(CONFIDENCE))}
     return result
 
 

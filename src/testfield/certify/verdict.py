@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+from testfield.evaluate.check import Check, Limit
+
 
 @dataclass(frozen=True)
 class Verdict:
@@ -20,6 +22,12 @@ class Verdict:
     how: str
 
     @property
+    def check(self) -> Check:
+        """The figure held against its limit."""
+        name, limit = f"{self.part}: {self.name}", Limit(most=self.limit)
+        return Check(name=name, value=self.measured, limit=limit, unit=self.unit, how=self.how)
+
+    @property
     def passed(self) -> bool:
         """Whether the figure keeps its limit; a figure that is not a number does not."""
-        return bool(self.measured <= self.limit)
+        return self.check.passed

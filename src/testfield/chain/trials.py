@@ -7,7 +7,7 @@ certificates drawn anew, then detection, calibration and reconstruction. Every t
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
@@ -95,17 +95,21 @@ class Trials:
 
     def trial(self, number: int) -> np.ndarray:
         """(n, 3) positions of one trial of the other depths; NaN for a point that it did not find."""
+        return self._kept(self.name(number), partial(self.write, number))
 
-        def write(path: Path) -> None:
-            found = self._again(number)
-            row = {int(code): k for k, code in enumerate(found.code)}
-            off = np.full(self.points.xyz_mm.shape, np.nan)
-            for k, code in enumerate(self.points.code):
-                if int(code) in row:
-                    off[k] = found.xyz_mm[row[int(code)]] - self.points.xyz_mm[k]
-            _save(path, off)
+    def name(self, number: int) -> str:
+        """The file of one trial of the other depths."""
+        return f"uncertainty/{self.depth}/{number:04d}.npy"
 
-        return self._kept(f"uncertainty/{self.depth}/{number:04d}.npy", write)
+    def write(self, number: int, path: Path) -> None:
+        """Make one trial of the other depths, and write how far off its points are."""
+        found = self._again(number)
+        row = {int(code): k for k, code in enumerate(found.code)}
+        off = np.full(self.points.xyz_mm.shape, np.nan)
+        for k, code in enumerate(self.points.code):
+            if int(code) in row:
+                off[k] = found.xyz_mm[row[int(code)]] - self.points.xyz_mm[k]
+        _save(path, off)
 
     def _kept(self, name: str, write: Callable[[Path], None]) -> np.ndarray:
         with one_blas_thread():

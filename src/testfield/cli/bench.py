@@ -191,6 +191,7 @@ def _claims(args: argparse.Namespace) -> int:
     from testfield.chain.belongs import check_truth
     from testfield.chain.run import resume, scene_of
     from testfield.errors import TestfieldError
+    from testfield.evaluate.check import Check, table
     from testfield.store.lock import only_writer
 
     if args.trials < 2:
@@ -215,6 +216,8 @@ def _claims(args: argparse.Namespace) -> int:
     if "rmse_over_u" in figures:
         print(f"check points  RMSE {figures['rmse_mm']:.5f} mm over claimed u {figures['mean_u_mm']:.5f} mm", end="")
         print(f" = {figures['rmse_over_u']:.3f}  sigma0 {figures['sigma0']:.4f}")
+    if checks := [Check.of_row(row) for row in figures.get("checks", ())]:
+        print(f"\n{table(checks)}")
     return 0
 
 

@@ -1,6 +1,7 @@
 """`testfield uncertainty RUN`: is the linear result, the covariance that a run claims, validated by Monte Carlo?"""
 
 import argparse
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,7 @@ def add(commands: Any) -> None:
     p.add_argument("--length", type=int, nargs=2, action="append", default=[], metavar=("A", "B"), help="two codes")
     p.add_argument("--digits", type=int, choices=(1, 2), default=1, help="significant digits of u that must agree")
     p.add_argument("--shortest", action="store_true", help="rays: shortest intervals instead of symmetric ones")
+    p.add_argument("--jobs", type=int, default=1, metavar="N", help="calibration, exposure: processes (default: 1)")
     p.add_argument("--json", action="store_true", help="print one JSON object")
     p.set_defaults(act=act)
 
@@ -34,6 +36,7 @@ def add(commands: Any) -> None:
 def act(args: argparse.Namespace) -> int:
     """Make what trials are missing, and print the statement."""
     import json
+    from functools import partial
 
     import numpy as np
 
@@ -42,7 +45,9 @@ def act(args: argparse.Namespace) -> int:
     from testfield.chain.run import resume, scene_of
     from testfield.chain.trials import BLOCK, Trials
     from testfield.errors import TestfieldError
+    from testfield.store.kept import make_each
     from testfield.store.lock import only_writer
+    from testfield.store.threads import one_blas_thread
     from testfield.uncertainty.statement import of_blocks, of_trials, quantities
 
     most = TRIALS[args.depth] if args.trials is None else args.trials
@@ -67,17 +72,31 @@ def act(args: argparse.Namespace) -> int:
 
                 statement = of_blocks(points, result, field, block, most, args.digits, args.shortest)
             else:
-                made = []
-                for k in range(most):
-                    made.append(trials.trial(k))
-                    move(1)
-                statement = of_trials(points, result, field, np.array(made), args.digits)
+                files = [(trials.name(k), trials.key) for k in range(most)]
+                write = trials.write if args.jobs <= 1 else partial(_write_trial, args.run, args.depth)
+                with one_blas_thread():
+                    make_each(trials.run.ledger, files, write, args.jobs, moved=lambda _: move(1))
+                made = np.array([trials.trial(k) for k in range(most)])
+                statement = of_trials(points, result, field, made, args.digits)
     statement = {"run": trials.run.scene.name, "depth": args.depth, "digits": args.digits} | statement
     if args.json:
         print(json.dumps(statement))
     else:
         _show(statement)
     return 0
+
+
+def _write_trial(folder: Path, depth: str, number: int, path: Path) -> None:
+    """What another process does: one trial of the run in a folder."""
+    _trials(folder, depth).write(number, path)
+
+
+@cache
+def _trials(folder: Path, depth: str) -> Any:
+    from testfield.chain.run import resume
+    from testfield.chain.trials import Trials
+
+    return Trials(resume(folder, 1), depth)
 
 
 def _show(statement: dict[str, Any]) -> None:

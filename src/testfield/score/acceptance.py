@@ -16,7 +16,7 @@ from testfield.score.align import aligned_covariance, rigid_basis
 from testfield.score.flatness import flatness, form_error, in_a_row
 from testfield.score.length_test import Limit, MeasuredLengths, figures, judge
 from testfield.score.points import score_points
-from testfield.uncertainty.consistency import NOTHING, decorrelated, hit_band, nees_band, pit_uniformity
+from testfield.statistics.consistency import NOTHING, decorrelated, joint_hit_band, nees_band, pit_uniformity
 
 LINES, LENGTHS = 7, 5
 """Measuring lines, and test lengths on each, that VDI/VDE 2634 part 1 recommends."""
@@ -249,7 +249,7 @@ def points_card(
         "relative_accuracy_sigma_diagonal": world.field_diagonal_mm / sigma,
         "relative_accuracy_rmse_diagonal": world.field_diagonal_mm / rmse,
         "anees": anees, "anees_band_95": list(nees_band(freedom)), "after_fit": score.free,
-        "coverage_95": hits / n, "coverage_band_99": [hits_of / n for hits_of in hit_band(n, 0.95)],
+        "coverage_95": hits / n, "coverage_band_99": [hits_of / n for hits_of in joint_hit_band(score.cov_mm2, 3)],
         "en_worst": float(en[np.argmax(np.abs(en))]), "en_within_1": float((np.abs(en) <= 1).mean()),
         "pit": {"distance": distance, "p": p, "values": len(z), "distance_of_coordinates": of_coordinates},
         "of_lengths": of_lengths,

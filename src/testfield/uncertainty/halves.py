@@ -22,7 +22,7 @@ from testfield.camera.pose import cross_matrix, nearest_rotation
 from testfield.errors import TestfieldError
 from testfield.reconstruct.points import Points
 from testfield.seeds import generator
-from testfield.uncertainty.consistency import decorrelated
+from testfield.statistics.consistency import decorrelated
 
 SPLITS = 3
 LEAST_IMAGES = 3

@@ -1,0 +1,1 @@
+"""Decisions from figures that scatter: bands, intervals, tests. Pure mathematics, no files and no plots (METHODS 9)."""
