@@ -1,4 +1,4 @@
-"""The scorer where there is little to score or another way to do it, and its small parts, against arithmetic by hand."""
+"""The scorer where there is little to score, and its small parts, against arithmetic by hand."""
 
 import json
 from dataclasses import replace
@@ -22,9 +22,14 @@ def some(points: Points, *codes: int) -> Points:
     k = np.array([int(np.flatnonzero(points.code == code)[0]) for code in codes], int)
     flat = (3 * k[:, None] + np.arange(3)).ravel()
     return replace(
-        points, code=points.code[k], xyz_mm=points.xyz_mm[k], cov_xyz_mm2=points.cov_xyz_mm2[np.ix_(flat, flat)],
-        rays=points.rays[k], residual_rms_px=points.residual_rms_px[k], rejected=points.rejected[k],
-    )  # fmt: skip
+        points,
+        code=points.code[k],
+        xyz_mm=points.xyz_mm[k],
+        cov_xyz_mm2=points.cov_xyz_mm2[np.ix_(flat, flat)],
+        rays=points.rays[k],
+        residual_rms_px=points.residual_rms_px[k],
+        rejected=points.rejected[k],
+    )
 
 
 # ------------------------------------------------------------------ the console's ten figures
@@ -43,10 +48,18 @@ def card_of(**leaves: Any) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("en", "failed"),
     [
-        ([], False), ([None], False), ([0.0], False), ([0.5, None], False), ([1.0], False), ([-1.0], False),
-        ([1.001], True), ([-1.001], True), ([0.2, None, -3.0], True), ([2.0, 0.1], True),
+        ([], False),
+        ([None], False),
+        ([0.0], False),
+        ([0.5, None], False),
+        ([1.0], False),
+        ([-1.0], False),
+        ([1.001], True),
+        ([-1.001], True),
+        ([0.2, None, -3.0], True),
+        ([2.0, 0.1], True),
     ],
-)  # fmt: skip
+)
 def test_a_check_bar_fails_where_its_error_exceeds_its_expanded_uncertainty(
     en: list[float | None], failed: bool
 ) -> None:
@@ -101,8 +114,15 @@ def test_one_check_point_has_no_largest_distance_and_none_has_no_figures(by_hand
     assert one["anees"] == pytest.approx((11**2 / 9 + 20**2 / 9 + 20**2 / 16) / 3, rel=1e-8)
     none = plain(score_points(by_hand.world, by_hand.calibration, some(by_hand.points, 31, 32)).card())
     assert (none["measured"], none["expected"], none["worst_mm"], none["anees_band_95"]) == (0, 7, 0.0, None)
-    for key in ("rmse_mm", "rmse_unfitted_mm", "mean_u_mm", "relative_accuracy", "anees", "anees_fitted",
-                "relative_accuracy_largest_distance"):  # fmt: skip
+    for key in (
+        "rmse_mm",
+        "rmse_unfitted_mm",
+        "mean_u_mm",
+        "relative_accuracy",
+        "anees",
+        "anees_fitted",
+        "relative_accuracy_largest_distance",
+    ):
         assert none[key] is None, key
 
 
@@ -119,12 +139,14 @@ def test_a_row_of_the_check_points_table_is_in_millimetres_and_micrometres() -> 
     true = np.array([[1.5, 2.5, 3.5], [4.5, 5.5, 6.5]])
     score = PointScore(np.array([8, 9]), true, error, error, np.diag(u.ravel() ** 2), 1.0, 1.0, 5000.0, 2)
     assert np.array(_check_rows(score)) == pytest.approx(
-        np.array([
-            [9, 4.5, 5.5, 6.5, -30_000, 40_000, 120_000, 10_000, 11_000, 12_000],
-            [8, 1.5, 2.5, 3.5, 1000, 2000, 2000, 7000, 8000, 9000],
-        ]),
+        np.array(
+            [
+                [9, 4.5, 5.5, 6.5, -30_000, 40_000, 120_000, 10_000, 11_000, 12_000],
+                [8, 1.5, 2.5, 3.5, 1000, 2000, 2000, 7000, 8000, 9000],
+            ]
+        ),
         rel=1e-12,
-    )  # fmt: skip
+    )
 
 
 # ------------------------------------------------------------------ lengths
@@ -150,14 +172,20 @@ def test_without_boards_a_scale_label_or_check_bars_there_is_no_such_figure(by_h
 def test_a_place_is_what_lies_nearest_to_the_middle_of_its_cell() -> None:
     """Cells of 100 px; where two lie in one, the nearer to the middle is not the nearer to a corner."""
     camera = Interior(1300, 1100, np.array([1000.0, 1000, 649.5, 549.5, 0, 0, 0, 0, 0]))
-    seen = np.array([
-        [95.0, 95], [45, 52],  # the first cell: the second
-        [1299.9, 1099.9], [1210, 1095],  # the last cell: 69 and 60 px from its middle
-        [160, 40], [101, 1], [199, 50],  # beside the first
-        [50, 199],  # below it, alone
-        [-0.4, 349.0],  # half a pixel left of the image, and all the same its first column
-        [1300.0, 720.0],  # and right of it
-    ])  # fmt: skip
+    seen = np.array(
+        [
+            [95.0, 95],
+            [45, 52],  # the first cell: the second
+            [1299.9, 1099.9],
+            [1210, 1095],  # the last cell: 69 and 60 px from its middle
+            [160, 40],
+            [101, 1],
+            [199, 50],  # beside the first
+            [50, 199],  # below it, alone
+            [-0.4, 349.0],  # half a pixel left of the image, and all the same its first column
+            [1300.0, 720.0],  # and right of it
+        ]
+    )
     expected = [[45, 52], [160, 40], [50, 199], [-0.4, 349], [1300, 720], [1210, 1095]]
     assert _places(camera, seen).tolist() == expected
 
