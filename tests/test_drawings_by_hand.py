@@ -14,8 +14,8 @@ from hand_made import HandMade
 
 from testfield.calibrate.calibration import Calibration
 from testfield.calibrate.certified import Certified
-from testfield.chain.measure import Measurement, _lengths
 from testfield.detect.observations import MEASURED, Observations
+from testfield.measure.photographs import Measurement, _lengths
 from testfield.reconstruct.points import Points
 from testfield.report import accept, measured
 from testfield.report.accept import MOST_DRAWN, envelopes, errors_over_length, plan_of_lengths

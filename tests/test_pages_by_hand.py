@@ -13,7 +13,7 @@ from hand_made import HandMade, Page
 from testfield.camera.images import Frame, SensorSheet
 from testfield.camera.pose import Poses
 from testfield.certify.certificate import renderer_digest
-from testfield.chain.measure import Length, Measurement
+from testfield.measure.photographs import Length, Measurement
 from testfield.report.measured import _figures
 from testfield.report.page import write_report
 from testfield.scene.load import load_scene

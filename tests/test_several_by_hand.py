@@ -13,8 +13,8 @@ from hand_made import HandMade, Page
 from testfield.calibrate.calibration import Calibration
 from testfield.camera.images import Frame, SensorSheet
 from testfield.camera.interior import Interior
-from testfield.chain.measure import Measurement
 from testfield.detect.observations import MEASURED
+from testfield.measure.photographs import Measurement
 from testfield.report.measured import write_measurement
 from testfield.report.page import write_report
 from testfield.scene.load import load_scene

@@ -25,8 +25,8 @@ from testfield.scene.parts import ScenePart
 from testfield.scene.world import World
 from testfield.seeds import seed_of
 from testfield.store.digests import file_digest
-from testfield.store.pool import process_pool
 from testfield.store.threads import one_blas_thread
+from testfield.store.work import each
 
 Made = tuple[int, int]
 """How many of a stage's items were made, and how many there are."""
@@ -329,12 +329,4 @@ def stale_inputs(run: Run) -> list[str]:
 def _each(run: Run, title: str, function: Callable, work: list, unit: str) -> Iterable[Any]:
     """Results in order, from several processes where there is enough to do."""
     with bar(title, len(work), unit) as move:
-        if run.jobs <= 1 or len(work) <= 2:
-            for item in work:
-                yield function(item)
-                move(1)
-            return
-        with process_pool(run.jobs) as pool:
-            for result in pool.map(function, work):
-                yield result
-                move(1)
+        yield from each(function, work, run.jobs, alone=2, moved=lambda _: move(1))

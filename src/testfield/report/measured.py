@@ -14,8 +14,8 @@ from testfield.calibrate.calibration import AXES, Calibration
 from testfield.calibrate.one_of_several import of_camera
 from testfield.calibrate.rejections import lossy
 from testfield.calibrate.ties import point_name
-from testfield.chain.measure import Measurement
 from testfield.detect.observations import MEASURED
+from testfield.measure.photographs import Measurement
 from testfield.report import figures
 from testfield.report.pages import page
 from testfield.report.style import ACCENT, INK, WARM, figure, svg_of
