@@ -12,7 +12,8 @@ from scipy.stats import kstwo
 from testfield.cli.accept import _show
 from testfield.report.accept import accept_page
 from testfield.scene.load import load_scene
-from testfield.scene.schema import CheckGrid, SceneFile
+from testfield.scene.schema import SceneFile
+from testfield.scene.target_parts import CheckGrid
 from testfield.scene.world import World
 from testfield.score.acceptance import acceptance, planes, points_card, spacing
 from testfield.score.length_test import Limit, MeasuredLengths, figures, judge

@@ -12,7 +12,8 @@ from testfield.errors import TestfieldError
 from testfield.reconstruct.points import Points
 from testfield.report.accept import MOST_ROWS, accept_page, sentence
 from testfield.scene.load import load_scene
-from testfield.scene.schema import CheckGrid, SceneFile
+from testfield.scene.schema import SceneFile
+from testfield.scene.target_parts import CheckGrid
 from testfield.scene.world import BAR, CHECK
 from testfield.score.acceptance import acceptance, planes, points_card, spacing, test_lengths
 from testfield.score.length_test import Limit, MeasuredLengths, figures, limit_of, slope

@@ -17,8 +17,8 @@ from testfield.detect.observations import MEASURED
 from testfield.measure.photographs import Measurement
 from testfield.report.measured import write_measurement
 from testfield.report.page import write_report
+from testfield.scene.camera_parts import RigMemberPart, RigPart
 from testfield.scene.load import load_scene
-from testfield.scene.schema import RigMemberPart, RigPart
 from testfield.scene.world import World
 from testfield.score.camera import score_camera
 from testfield.score.scorecard import scorecard, write_scorecard

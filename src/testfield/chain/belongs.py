@@ -3,7 +3,8 @@
 from testfield.chain.run import Run
 from testfield.errors import TestfieldError
 from testfield.scene import meshes, sky
-from testfield.scene.schema import MapPart, SceneFile
+from testfield.scene.room_parts import MapPart
+from testfield.scene.schema import SceneFile
 from testfield.store.digests import digest, file_digest
 
 NOT_OF_THE_WORLD = {"name", "description", "acceptance", "measure", "render", "sensor", "exposure", "noise_seed"}

@@ -21,7 +21,8 @@ from testfield.errors import TestfieldError, gather, nearest
 from testfield.registry import STAGES, find, names
 from testfield.scene import meshes, sky
 from testfield.scene.load import load_scene, numbered, parse_scene
-from testfield.scene.schema import MapPart, SceneFile
+from testfield.scene.room_parts import MapPart
+from testfield.scene.schema import SceneFile
 from testfield.scene.shipped import find_scene
 from testfield.scene.truth import Views
 from testfield.scene.world import World

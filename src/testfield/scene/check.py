@@ -9,11 +9,14 @@ from testfield.camera.project import directions
 from testfield.errors import TestfieldError, gather
 from testfield.scene.bend import to_paper
 from testfield.scene.blur import blur_circles_px, streaks_px
+from testfield.scene.board_parts import BoardPart
 from testfield.scene.check_patterns import check_patterns, pattern_warnings
 from testfield.scene.exposure import check_exposure
 from testfield.scene.meshes import inside
 from testfield.scene.parts import ScenePart
-from testfield.scene.schema import BoardPart, MeasuringLinePart, MeshPart, ScaleBarPart, SceneFile, SurfacePart
+from testfield.scene.room_parts import MeshPart, SurfacePart
+from testfield.scene.schema import SceneFile
+from testfield.scene.target_parts import MeasuringLinePart, ScaleBarPart
 from testfield.scene.truth import Views
 from testfield.scene.world import World
 from testfield.targets.ring_code import code_words

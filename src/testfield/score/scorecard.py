@@ -12,7 +12,7 @@ from testfield.calibrate.rejections import failed_checks
 from testfield.detect.observations import Observations
 from testfield.errors import speaking
 from testfield.reconstruct.points import Points
-from testfield.scene.schema import RigPart
+from testfield.scene.camera_parts import RigPart
 from testfield.scene.truth import Views
 from testfield.scene.world import World
 from testfield.score.camera import score_boards
