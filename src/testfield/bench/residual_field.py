@@ -16,6 +16,7 @@ from testfield.bench.drawn import draw_observations
 from testfield.chain.recipe import recipe_of
 from testfield.chain.run import Run, begin
 from testfield.chain.stages import run_stage
+from testfield.evaluate.case import changed, scene_table
 from testfield.measure.pipeline import measure
 from testfield.scene.build import build_world
 from testfield.scene.load import parse_scene
@@ -25,7 +26,6 @@ from testfield.score.points import score_points
 from testfield.score.scorecard import load_scorecard
 from testfield.seeds import seed_of
 from testfield.store.text import write_text
-from testfield.study.cases import changed, scene_table
 
 KINDS = ("rings", "dots", "checkerboard", "circles")
 FIGURES = ("points", "imaging", "interior")
