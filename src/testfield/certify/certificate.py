@@ -4,17 +4,17 @@ import json
 import platform
 import time
 from collections.abc import Callable
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from testfield import __version__
 from testfield.certify.verdict import Verdict
 from testfield.chain.code import PACKAGES, code_digest, package_version
 from testfield.errors import DAMAGE
 from testfield.scene.build import build_world
 from testfield.scene.load import load_scene
+from testfield.store.stamp import stamp
 from testfield.store.text import read_text, write_text
+from testfield.version import __version__
 
 PARTS = ("geometry", "light", "lens", "focus", "sensor", "sameness")
 
@@ -29,14 +29,13 @@ def certify(scene: Path, quick: bool, tell: Callable[[Verdict], None]) -> dict[s
             verdicts.append(verdict)
             tell(verdict)
         seconds[part] = round(time.perf_counter() - start, 1)
-    return {
+    return stamp() | {
         "quick": quick,
         "passed": all(verdict.passed for verdict in verdicts),
         "verdicts": [_plain(verdict) for verdict in verdicts],
         "code": renderer_digest(),
         "versions": {"testfield": __version__, "python": platform.python_version()}
         | {name: package_version(name) for name in PACKAGES},
-        "made": datetime.now(UTC).isoformat(timespec="seconds"),
         "time_s": seconds,
     }
 

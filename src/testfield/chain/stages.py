@@ -115,7 +115,7 @@ def expose(run: Run) -> Made:
             for file in pair:
                 run.ledger.shows(file, world)
         else:
-            seeds = (part.sensor_seed, scene.seed)
+            seeds = (part.sensor_seed, scene.seed if scene.noise_seed is None else scene.noise_seed)
             work.append((source, run.folder / pair[0], size, sensor, seeds, pair, key, world))
     for parts, key, world in _each(run, "expose", _expose_one, work, "frames"):
         run.ledger.place(parts, key, world=world)
@@ -252,7 +252,8 @@ def score(run: Run) -> Made:
         card = scorecard(
             run.world, run.views, observations, calibration, points, cameras=run.truth.cameras, rigs=run.scene.rigs
         )
-        write_scorecard(card | {"time_s": times}, path)
+        noise = {} if run.scene.noise_seed is None else {"noise_seed": run.scene.noise_seed}
+        write_scorecard(card | noise | {"time_s": times}, path)
 
     return int(run.ledger.make("scorecard.json", key, write, inputs)), 1
 

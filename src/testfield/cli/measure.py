@@ -66,8 +66,10 @@ def _measure(args: argparse.Namespace) -> int:
     from testfield.errors import TestfieldError
     from testfield.report.measured import write_measurement
     from testfield.report.photograph import draw_found
+    from testfield.scene.shipped import find_field
     from testfield.targets.field_file import load_field_file
 
+    args.field = find_field(args.field)
     field = load_field_file(args.field)
     target = parse_target(field.target.kind, f"{args.field}, target.kind")
     if target.kind not in ("ring", "circles"):

@@ -2,6 +2,7 @@
 
 import argparse
 import os
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +12,18 @@ from testfield.cli.show import add_strict
 def add(commands: Any) -> None:
     """Enter the command."""
     p = commands.add_parser("run", help="render, measure and score a scene: the whole chain", description=__doc__)
-    p.add_argument("scene", type=Path, metavar="SCENE", help="a scene file (TOML)")
+    p.add_argument("scene", type=Path, metavar="SCENE", help="a scene file (TOML), or the name of one that comes along")
     p.add_argument("--out", type=Path, metavar="FOLDER", help="the run's folder (default: renders/<scene's name>)")
-    p.add_argument("--seed", type=int, metavar="N", help="another seed than the scene file's")
+    p.add_argument("--seed", type=int, metavar="N", help="another world: default folder renders/<name>-seedN")
+    p.add_argument(
+        "--noise-seed",
+        type=int,
+        metavar="N",
+        help="the same world with other noise, nothing rendered twice: folder <the world's folder>-noiseN",
+    )
+    p.add_argument(
+        "--force", action="store_true", help="begin again whatever is there; frames of your own are never touched"
+    )
     p.add_argument(
         "--jobs",
         type=int,
@@ -28,21 +38,13 @@ def add(commands: Any) -> None:
 
 def act(args: argparse.Namespace) -> int:
     """Run the chain; stages whose inputs have not changed are not repeated."""
-    from testfield.chain.run import checked, lay_out
-    from testfield.chain.stages import STAGES, refuse_frames_of_others, run_stage
-    from testfield.cli.show import failures_in, jobs_of, show_result, show_warnings, status_of
-    from testfield.errors import TestfieldError
-    from testfield.store.lock import only_writer
+    from testfield.chain.complete import complete
+    from testfield.cli.show import failures_in, jobs_of, seed_of_option, show_result, show_warnings, status_of
 
-    if args.seed is not None and args.seed < 0:
-        raise TestfieldError(f"value {args.seed} is negative", "--seed", "give 0 or more")
-    run, content, warnings = checked(args.scene, args.out, args.seed, jobs_of(args.jobs))
-    with only_writer(run.folder):
-        lay_out(run, content, warnings)
-        show_warnings(warnings)
-        refuse_frames_of_others(run)  # before anything is rendered in vain
-        for name in STAGES:
-            run_stage(run, name)
+    seed, noise_seed = seed_of_option("--seed", args.seed), seed_of_option("--noise-seed", args.noise_seed)
+    run, made = complete(args.scene, args.out, seed, noise_seed, jobs_of(args.jobs), args.force, show_warnings)
+    if not made:
+        print(f"run: nothing to do, all is up to date ({run.folder})", file=sys.stderr)
     show_warnings(run.measuring_notes())
     show_result(run.folder, args.json)
     return status_of(failures_in(run.folder / "scorecard.json"), args.strict)

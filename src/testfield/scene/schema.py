@@ -910,6 +910,9 @@ class SceneFile(_Part):
     name: Name = Field(description="Name of the scene, also of its run's folder.")
     description: str = Field("", description="One sentence for the report.")
     seed: int = Field(1, ge=0, description="Seed of everything random.")
+    noise_seed: int | None = Field(
+        None, ge=0, description="Seed of the sensor's noise, for other images of the same world; absent, `seed`."
+    )
     code_bits: Literal[8, 10, 12, 14, 16, 20] = Field(14, description="Segments of every ring code.")
     code_radii: Literal["1:2:3", "1:2.5:4"] = Field(
         "1:2:3", description="Radii of every ring code: dot, ring's inner edge, ring's outer edge."

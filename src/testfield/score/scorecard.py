@@ -19,7 +19,8 @@ from testfield.score.camera import score_boards
 from testfield.score.detection import score_detection
 from testfield.score.points import score_lengths, score_points
 from testfield.score.several import score_cameras, score_rigs
-from testfield.store.sheets import FORMAT, Count, Finite, OpenSheet, checked, read_json
+from testfield.store.sheets import Count, Finite, OpenSheet, checked, read_json
+from testfield.store.stamp import stamp
 from testfield.store.text import write_text
 
 TEN = (
@@ -47,13 +48,27 @@ def scorecard(
     rigs: tuple[RigPart, ...] = (),
 ) -> dict[str, Any]:
     """Score a run's files against the truth; of several cameras, `cameras` are the worlds that they see, by name."""
-    found = Observations.load(observations).at_times(world.field.moving)
-    camera, targets = Calibration.load(calibration), Points.load(points)
+    found, camera, targets = Observations.load(observations), Calibration.load(calibration), Points.load(points)
+    return score_measured(world, views, found, camera, targets, cameras, rigs)
+
+
+def score_measured(
+    world: World,
+    views: Views,
+    observations: Observations,
+    camera: Calibration,
+    targets: Points,
+    cameras: dict[str, World] | None = None,
+    rigs: tuple[RigPart, ...] = (),
+) -> dict[str, Any]:
+    """Score what was measured against the truth, as `scorecard` does files."""
+    found = observations.at_times(world.field.moving)
     lengths = score_lengths(world, camera, targets)
     checks = [(bar["name"], bar.get("en")) for bar in lengths["bars"] if bar["role"] == "check"]
     failures = [*camera.failures, *failed_checks(checks)]
     return {
         "scene": world.name,
+        "seed": world.seed,
         "verdict": {"passed": not failures, "failures": failures},
         "detection": score_detection(world, views, found).card(),
         "calibration": {"method": camera.method} | score_cameras(cameras or {"": world}, camera),
@@ -65,7 +80,7 @@ def scorecard(
 
 def write_scorecard(card: dict[str, Any], path: Path) -> None:
     """Write as JSON; a figure that does not exist is null."""
-    write_text(path, json.dumps({"format": FORMAT} | plain(card), indent=1, allow_nan=False))
+    write_text(path, json.dumps(stamp() | plain(card), indent=1, allow_nan=False))
 
 
 Figure = Finite | None
