@@ -4,8 +4,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 from testfield.chain.progress import step
+from testfield.chain.rendering import refuse_frames_of_others
 from testfield.chain.run import Run, checked, clear, lay_out, share_radiance
-from testfield.chain.stages import STAGES, refuse_frames_of_others, run_stage
+from testfield.chain.stages import STAGES, run_stage
 from testfield.store.lock import only_writer
 
 SILENT = ("calibrate", "reconstruct", "score")
