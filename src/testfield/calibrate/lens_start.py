@@ -4,7 +4,7 @@ import numpy as np
 
 from testfield.camera.interior import Interior
 from testfield.camera.lens import distort
-from testfield.camera.plane_image import RoughLens
+from testfield.camera.rough_lens import RoughLens
 
 RADIAL = ("k1", "k2", "k3", "k4")
 STEEPEST = 4.0

@@ -11,7 +11,8 @@ import cv2
 import numpy as np
 
 from testfield.adjust.bundle import Adjustment, adjust
-from testfield.adjust.network import Camera, Images, Network
+from testfield.adjust.network import Camera
+from testfield.calibrate.loose_network import loose_network
 from testfield.calibrate.ties import LEAST_COMMON, Ties
 from testfield.camera.interior import Interior
 from testfield.camera.lens import MODELS
@@ -21,17 +22,41 @@ from testfield.camera.rays import meet_all
 from testfield.errors import TestfieldError
 
 FISHEYE_AS_PINHOLE = np.array([1 / 3, 2 / 15, 17 / 315, 62 / 2835])
+
+
 """The tangent's series: with these coefficients a fisheye images as a pinhole does; with none, equal angles alike."""
+
+
 FOCAL_OVER_WIDTH = np.geomspace(0.45, 5, 9)
+
+
 PAIRS, PAIRS_TRIED = 3, 60
+
+
 BASE = 1000.0
+
+
 """Length of the first base: the scale is not known yet."""
+
+
 CAP = 0.01
+
+
 """A residual beyond this part of the image's width is as bad as any other, or as no ray at all."""
+
+
 ADJUSTED = 5
+
+
 """Trials that are adjusted."""
+
+
 PASSES = 5
+
+
 SQUARE = 1e-4
+
+
 """Standard deviation of fy / fx where pixels are taken to be square. A stiffer tie would hold the focal length, too,
 while steps are damped."""
 
@@ -262,19 +287,6 @@ def _misfit(start: Start, views: _Views) -> float:
     size = np.nan_to_num(np.linalg.norm(at - views.xy_px[i, p], axis=1), nan=cap)
     counted = (views.there & (views.there.sum(axis=0) >= 2)).sum()
     return float((np.minimum(size, cap).sum() + cap * (counted - len(size))) / max(counted, 1))
-
-
-def loose_network(
-    ties: Ties, cameras: tuple[Camera, ...], camera: np.ndarray, poses: Poses, point_mm: np.ndarray
-) -> Network:
-    """A network of loose points and of images, each by its `camera` (I,) from a place of its own; nothing is known."""
-    n, images = len(point_mm), len(poses)
-    each = Images(np.arange(images), camera, np.zeros(images, int))
-    return Network(
-        cameras, poses, each, Poses.identity(0), (), point_mm,
-        np.full(n, -1), point_mm, np.zeros((n, 3, 3)), ties.image, ties.point, ties.xy_px, ties.cov_px2,
-        np.zeros((len(ties), 2)),
-    )  # fmt: skip
 
 
 def _adjusted(start: Start, ties: Ties) -> Start | None:

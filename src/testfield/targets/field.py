@@ -3,16 +3,16 @@
 import json
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any
 
 import numpy as np
-import pydantic
 
 from testfield.errors import speaking
-from testfield.store.sheets import FORMAT, LARGEST_MM, Count, Sheet, checked, read_json, unique
+from testfield.store.sheets import FORMAT, checked, read_json, unique
 from testfield.store.text import write_text
 from testfield.targets.board_pattern import CIRCLES, SQUARES, BoardPattern, dictionary
-from testfield.targets.camera_sheet import CameraSheet, CameraTable, RigSheet, RigTable, cameras_of, tables_of
+from testfield.targets.camera_sheet import CameraSheet, RigSheet, cameras_of, tables_of
+from testfield.targets.field_sheets import BoardSheet, FieldSheet
 from testfield.targets.marks import RADII, USUAL, Marks, RingRadii
 
 
@@ -65,6 +65,8 @@ class ScaleBar:
 
 
 TIME = 100_000
+
+
 """More than the highest code: what a moved target's code grows by with every time."""
 
 
@@ -191,7 +193,7 @@ class Field:
     @speaking("field sheet")
     def load(path: Path) -> "Field":
         """Read what `save` wrote. Raises `TestfieldError` where types, names, lengths or numbers are not such."""
-        sheet = checked(_Sheet, read_json(path))
+        sheet = checked(FieldSheet, read_json(path))
         boards = tuple(_board(b, sheet.bits) for b in sheet.boards)
         bars = tuple(ScaleBar(b.name, b.role, b.codes, b.length_mm, b.u_length_mm, b.moved) for b in sheet.scale_bars)
         wands = tuple(Wand(w.name, w.codes, w.at_mm, w.u_mm) for w in sheet.wands)
@@ -216,87 +218,7 @@ class Field:
         )
 
 
-Millimetres = Annotated[float, pydantic.Field(ge=-LARGEST_MM, le=LARGEST_MM)]
-Length = Annotated[float, pydantic.Field(gt=0, le=LARGEST_MM)]
-Uncertainty = Annotated[float, pydantic.Field(ge=0, le=LARGEST_MM)]
-Triple = tuple[Millimetres, Millimetres, Millimetres]
-
-
-class _PoseSheet(Sheet):
-    turn_rad: Triple
-    t_mm: Triple
-    u_turn_rad: Uncertainty
-    u_mm: Uncertainty
-
-
-class _PatternSheet(Sheet):
-    kind: str
-    columns: Annotated[int, pydantic.Field(ge=1, le=1000)]
-    rows: Annotated[int, pydantic.Field(ge=1, le=1000)]
-    pitch_mm: Length
-    mark_mm: Uncertainty = 0.0
-    names: str = ""
-    first_tag: Count = 0
-    legacy: bool = False
-
-
-class _BoardSheet(Sheet):
-    name: str
-    u_xy_mm: Uncertainty
-    u_z_mm: Uncertainty
-    x_mm: list[Millimetres]
-    y_mm: list[Millimetres]
-    diameter_mm: list[Uncertainty]
-    code: list[Count]
-    pattern: _PatternSheet | None = None
-    size_mm: tuple[Length, Length] | None = None
-    pose: _PoseSheet | None = None
-
-
-class _BarSheet(Sheet):
-    name: str
-    role: Literal["control", "check"]
-    codes: tuple[Count, Count]
-    length_mm: Length
-    u_length_mm: Uncertainty
-    moved: bool = False
-
-
-class _WandSheet(Sheet):
-    name: str
-    codes: tuple[Count, ...]
-    at_mm: tuple[Uncertainty, ...]
-    u_mm: Uncertainty = 0.0
-
-
-class _LineSheet(Sheet):
-    name: str
-    codes: tuple[Count, ...]
-    length_mm: tuple[Length, ...]
-    u_length_mm: Uncertainty
-
-    @pydantic.model_validator(mode="after")
-    def _as_many(self) -> "_LineSheet":
-        if len(self.codes) != len(self.length_mm) + 1:
-            raise ValueError(f"{len(self.codes)} codes and {len(self.length_mm)} lengths from the first")
-        return self
-
-
-class _Sheet(Sheet):
-    bits: Literal[8, 10, 12, 14, 16, 20]
-    code_radii: str = USUAL  # sheets of before there was a choice
-    white_on_black: bool
-    u_scale: Annotated[float, pydantic.Field(ge=0, le=1)]
-    boards: list[_BoardSheet]
-    scale_bars: list[_BarSheet]
-    loose_diameter_mm: dict[Count, Length]
-    wands: tuple[_WandSheet, ...] = ()
-    measuring_lines: tuple[_LineSheet, ...] = ()
-    cameras: tuple[CameraTable, ...] = ()
-    rigs: tuple[RigTable, ...] = ()
-
-
-def _board(b: _BoardSheet, bits: int) -> NominalBoard:
+def _board(b: BoardSheet, bits: int) -> NominalBoard:
     n = len(b.x_mm)
     if not n == len(b.y_mm) == len(b.diameter_mm) == len(b.code):
         raise ValueError(f"board '{b.name}' has lists of different lengths")
