@@ -1,4 +1,5 @@
-"""Whether claimed covariances are true: NEES and coverage of camera, boards and check points over independent trials.
+"""Whether claimed covariances are true: NEES and coverage of cameras, rigs, boards and check points over independent
+trials.
 
 An error of a run has two sources: the noise of the images, and what the workshop did (print errors of the boards, the
 true lengths of the bars), which the sheets know with an uncertainty only. Both must be drawn anew for every trial, or
@@ -21,38 +22,26 @@ from typing import Any
 
 import numpy as np
 
+from testfield.bench.claim_errors import GROUPS, errors_of
 from testfield.bench.claim_figures import Errors, Tally, claim_checks, summary
 from testfield.bench.drawn import draw_observations
-from testfield.calibrate.calibration import Calibration
 from testfield.camera.circle import disc_image
-from testfield.camera.pose import rotation_vector
 from testfield.camera.project import project
 from testfield.chain.recipe import recipe_of
 from testfield.chain.run import Run, resume, with_seed
 from testfield.chain.trials import Trials, reexposed
+from testfield.chain.truth import Truth
 from testfield.detect.observations import Observations
+from testfield.errors import TestfieldError
 from testfield.measure.pipeline import measure
-from testfield.reconstruct.points import Points
 from testfield.scene.build import build_world
 from testfield.scene.load import parse_scene
-from testfield.scene.truth import see
 from testfield.scene.world import World
-from testfield.score.camera import true_in_datum
 from testfield.score.points import score_points
 from testfield.seeds import seed_of
 from testfield.store.digests import digest
 from testfield.store.kept import make_each
 from testfield.store.work import each
-
-GROUPS = ("camera", "boards", "check_points")
-
-
-def errors_of(world: World, calibration: Calibration, points: Points) -> dict[str, Errors]:
-    """Errors of interior orientation, board poses and check points in the datum frame, by group."""
-    return {
-        "camera": _camera(world, calibration), "boards": _boards(world, calibration),
-        "check_points": _points(world, calibration, points),
-    }  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -87,21 +76,37 @@ def drawn_worlds(
 def _drawn_world(text: str, source: Path, number: int) -> Trial:
     first = parse_scene(text, str(source), source.parent).seed
     scene = parse_scene(with_seed(text, seed_of(first, f"claims/{number}") >> 33), str(source), source.parent)
-    world = build_world(scene)
-    observations = draw_observations(scene, world, see(world), seed_of(scene.seed, "claims/pixels"))
-    measured = measure(observations, world.field, recipe_of(scene))
-    score = score_points(world, measured.calibration, measured.points)
+    truth = Truth.of(scene, str(source))
+    measured = measure(draw_pixels(truth, seed_of(scene.seed, "claims/pixels")), truth.told, recipe_of(scene))
+    score = score_points(truth.world, measured.calibration, measured.points)
     return Trial(
-        errors=errors_of(world, measured.calibration, measured.points),
+        errors=errors_of(truth.world, truth.cameras, scene.rigs, measured.calibration, measured.points),
         rmse_mm=float(np.sqrt((score.error_mm**2).mean())),
         u_mm=float(np.sqrt((score.u_mm**2).mean())),
         sigma0=measured.calibration.sigma0,
     )
 
 
+def draw_pixels(truth: Truth, seed: int) -> Observations:
+    """Observations of all images of all cameras at the physical bound."""
+    if not truth.several:
+        return draw_observations(truth.scene, truth.world, truth.views, seed)
+    images = []
+    for part, world, views in zip(truth.parts, truth.worlds, truth.views_of_parts, strict=True):
+        seen = draw_observations(part.scene, world, views, seed)
+        images += [seen.take(seen.station == k) for k in range(len(world.station_name))]
+    return truth.by_cameras(Observations.join(images, truth.world.station_name))
+
+
 def over_exposures(run: Run, exposures: int, tell: Callable[[str], None]) -> dict[str, Any]:
     """NEES and coverage over new exposures of a run's radiance, each with a workshop of its own; finished ones are kept
-    in the run's folder."""
+    in the run's folder. Raises `TestfieldError` for a run of several cameras, whose marks cannot be moved in images."""
+    if run.truth.several:
+        raise TestfieldError(
+            "new exposures are known of one camera only",
+            str(run.folder),
+            "use --scene, which draws worlds of several cameras",
+        )
     key, exposed, measured = Trials(run, "exposure").key, count(1), count(1)
     files = [(f"claims/{k:04d}.parquet", digest(key, k)) for k in range(exposures)]
     make_each(
@@ -127,12 +132,12 @@ def _measured_again(run: Run, rendered_px: np.ndarray, number: int) -> dict[str,
     observations = Observations.load(run.folder / f"claims/{number:04d}.parquet")
     moved = _moved(observations, run.world, _true_px(world) - rendered_px)
     again = measure(moved, world.field, recipe_of(run.scene))
-    return errors_of(world, again.calibration, again.points)
+    return errors_of(world, {"": world}, (), again.calibration, again.points)
 
 
 def figures_of(found: list[dict[str, Errors]]) -> dict[str, Any]:
     """The groups' figures over trials, and the checks of their claims as plain values."""
-    by_group = {group: [errors[group] for errors in found] for group in GROUPS}
+    by_group = {group: [errors[group] for errors in found] for group in GROUPS if group in found[0]}
     checks = claim_checks({group: Tally.of(trials) for group, trials in by_group.items()})
     return {group: summary(trials) for group, trials in by_group.items()} | {"checks": [c.row() for c in checks]}
 
@@ -162,28 +167,3 @@ def _moved(observations: Observations, world: World, shift_px: np.ndarray) -> Ob
 def _names(board: np.ndarray, point: np.ndarray, code: np.ndarray) -> list[tuple[int, int]]:
     """A mark's name: its board and its place there, or -1 and its code."""
     return list(zip(board.tolist(), np.where(board >= 0, point, code).tolist(), strict=True))
-
-
-def _camera(world: World, calibration: Calibration) -> Errors:
-    alike = calibration.interior.model == world.interior.model
-    free = [name for name in calibration.interior.without_modes.names if alike and name in calibration.labels]
-    chosen = [calibration.interior.names.index(name) for name in free]
-    index = calibration.index(free)
-    error = (calibration.interior.without_modes.parameters - world.interior.parameters)[chosen] if free else np.zeros(0)
-    return Errors(error, calibration.covariance[np.ix_(index, index)], max(len(free), 1))
-
-
-def _boards(world: World, calibration: Calibration) -> Errors:
-    _, true = true_in_datum(world, calibration.board_names)
-    error, names = [], []
-    for b, name in enumerate(calibration.board_names[1:], start=1):
-        turn = rotation_vector((calibration.boards.R[b] @ true.R[b].T)[None])[0]
-        error += [turn, calibration.boards.t_mm[b] - true.t_mm[b]]
-        names += [f"board:{name}.{axis}" for axis in ("rx", "ry", "rz", "tx", "ty", "tz")]
-    index = calibration.index(names)
-    return Errors(np.concatenate([np.zeros(0), *error]), calibration.covariance[np.ix_(index, index)], 6)
-
-
-def _points(world: World, calibration: Calibration, points: Points) -> Errors:
-    score = score_points(world, calibration, points)
-    return Errors(score.error_mm.ravel(), score.cov_mm2, 3)

@@ -187,7 +187,8 @@ def _adjust(args: argparse.Namespace) -> int:
 def _claims(args: argparse.Namespace) -> int:
     import json
 
-    from testfield.bench.claims import GROUPS, over_exposures, over_worlds
+    from testfield.bench.claim_errors import GROUPS
+    from testfield.bench.claims import over_exposures, over_worlds
     from testfield.chain.belongs import check_truth
     from testfield.chain.run import resume, scene_of
     from testfield.errors import TestfieldError
@@ -208,7 +209,7 @@ def _claims(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps(figures))
         return 0
-    for group in GROUPS:
+    for group in (name for name in GROUPS if name in figures):
         of = figures[group]
         band = "{:.3f} to {:.3f}".format(*of["nees_band_95"])
         print(f"{group.replace('_', ' '):<13} NEES per degree of freedom {of['nees']:.3f} (band {band})", end="")
