@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from testfield.chain.code import ROOT, imports
+from testfield.store.code import ROOT, imports
 
 MEASURING = ("detect", "calibrate", "adjust", "reconstruct", "uncertainty")
 TRUE_SIDE = ("scene", "render", "sensor", "score")
@@ -54,7 +54,7 @@ def test_the_wall_would_be_seen_to_fall(tmp_path: Path) -> None:
 
 
 def test_a_relative_import_is_no_hole_in_the_wall(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    import testfield.chain.code as code
+    import testfield.store.code as code
 
     monkeypatch.setattr(code, "ROOT", tmp_path / "testfield")
     spy = tmp_path / "testfield/detect/spy.py"

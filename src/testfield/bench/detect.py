@@ -14,9 +14,9 @@ import numpy as np
 
 from testfield.bench.centring import BEST, SEED, Task, measure
 from testfield.bench.dots import Case
-from testfield.chain.code import code_digest
 from testfield.evaluate.check import Check, Limit
 from testfield.registry import module_of, names
+from testfield.store.code import code_digest
 from testfield.store.digests import digest
 from testfield.store.kept import make_each
 from testfield.store.ledger import Ledger

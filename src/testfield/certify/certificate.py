@@ -10,10 +10,10 @@ from typing import Any
 
 from testfield import __version__
 from testfield.certify.verdict import Verdict
-from testfield.chain.code import PACKAGES, code_digest, package_version
 from testfield.errors import DAMAGE
 from testfield.scene.build import build_world
 from testfield.scene.load import load_scene
+from testfield.store.code import PACKAGES, code_digest, package_version
 from testfield.store.text import read_text, write_text
 
 PARTS = ("geometry", "light", "lens", "focus", "sensor", "sameness")

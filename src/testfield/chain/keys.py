@@ -8,12 +8,12 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from testfield.chain.code import code_digest
 from testfield.chain.recipe import recipe_of
 from testfield.registry import module_of
 from testfield.scene.exposure import sensor_of
 from testfield.scene.schema import SceneFile
 from testfield.scene.world import World
+from testfield.store.code import code_digest
 from testfield.store.digests import digest
 from testfield.targets.field import Field
 

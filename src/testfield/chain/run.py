@@ -13,7 +13,6 @@ import tomli_w
 
 from testfield import __version__
 from testfield.camera.interior import check_held
-from testfield.chain.code import PACKAGES, code_digest, package_version
 from testfield.chain.recipe import recipe_of
 from testfield.chain.truth import Truth
 from testfield.errors import TestfieldError
@@ -25,6 +24,7 @@ from testfield.scene.truth import Views
 from testfield.scene.world import World
 from testfield.score.scorecard import load_scorecard
 from testfield.store.atomic import sweep
+from testfield.store.code import PACKAGES, code_digest, package_version
 from testfield.store.digests import digest, file_digest
 from testfield.store.ledger import Ledger, inside
 from testfield.store.text import decoded

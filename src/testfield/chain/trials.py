@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 
 from testfield.calibrate.calibration import Calibration
-from testfield.chain.code import code_digest
 from testfield.chain.recipe import recipe_of
 from testfield.chain.run import Run
 from testfield.detect.observations import Observations
@@ -22,6 +21,7 @@ from testfield.measure.pipeline import measure
 from testfield.reconstruct.points import Points
 from testfield.registry import module_of
 from testfield.seeds import seed_of
+from testfield.store.code import code_digest
 from testfield.store.digests import digest, file_digest
 from testfield.store.threads import one_blas_thread
 

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from testfield.chain.code import code_digest
 from testfield.chain.run import Run
 from testfield.scene.world import ROLES
+from testfield.store.code import code_digest
 from testfield.store.digests import digest
 from testfield.store.text import write_text
 
