@@ -20,6 +20,7 @@ ACCEPT_PAGE = "tests/test_accept_by_hand.py::test_the_page_of_an_acceptance_show
 ACCEPT_SAID = "tests/test_accept_by_hand.py::test_the_console_of_an_acceptance_shows_these_figures"
 KEYS = "tests/test_keys.py::test_a_change_of_any_value_changes_the_keys_of_the_stages_that_depend_on_it"
 OWN_CODE = "tests/test_keys.py::test_every_stage_reacts_to_its_own_code_and_to_no_other"
+DOING = "tests/test_code_digest.py::test_constants_operators_defaults_calls_fields_and_names_count"
 OWN_FILE = "tests/test_keys.py::test_every_algorithm_counts_with_its_own_file"
 INPUTS = "tests/test_keys.py::test_inputs_that_are_sound_but_different_change_every_key"
 BLOCKS = "tests/test_draws.py::test_blocks_of_rays_are_different_draws"
@@ -460,7 +461,7 @@ CHAIN = [
     Defect(
         "expose forgets the seed",
         "expose_key",
-        "digest(__c__, __r__, __s__, scene.seed, __n__)",
+        "digest(__c__, __r__, __s__, seeds, __n__)",
         "digest(__c__, __r__, __s__, __n__)",
         f"{KEYS}[base-seed]",
     ),
@@ -474,32 +475,49 @@ CHAIN = [
     Defect(
         "detect forgets estimator and smallest diameter",
         "detect_key",
-        "(measure.centroid, measure.smallest_diameter_px)",
-        "()",
+        "digest(__c__, __f__, __s__, recipe.centroid, recipe.smallest_diameter_px)",
+        "digest(__c__, __f__, __s__)",
         f"{KEYS}[base-measure]",
     ),
     Defect(
-        "calibrate forgets its code", "calibrate_key", "code_digest(module_of('calibrators', __m__))", "''", OWN_CODE
+        "calibrate forgets its code",
+        "calibrate_key",
+        "code_digest(module_of('calibrators', __m__), *__l__)",
+        "''",
+        OWN_CODE,
     ),
-    Defect("calibrate forgets what is held", "calibrate_key", "measure.hold", "()", f"{KEYS}[base-measure]"),
+    Defect(
+        "calibrate forgets the lens' code",
+        "calibrate_key",
+        "code_digest(module_of('calibrators', __m__), *__l__)",
+        "code_digest(module_of('calibrators', __m__))",
+        OWN_CODE,
+    ),
+    Defect(
+        "calibrate forgets what is held",
+        "recipe_of",
+        "{'hold': asked.hold}",
+        "{}",
+        f"{KEYS}[base-measure]",
+    ),
     Defect(
         "calibrate forgets the sheet",
         "calibrate_key",
-        "digest(code, observations, field, __a__, __b__, __c__, __d__, __e__, __f__)",
-        "digest(code, observations, __a__, __b__, __c__, __d__, __e__, __f__)",
+        "digest(code, observations, field, __a__)",
+        "digest(code, observations, __a__)",
         INPUTS,
     ),
     Defect(
         "reconstruct forgets the calibration",
         "reconstruct_key",
-        "digest(__c__, observations, calibration, field, method)",
-        "digest(__c__, observations, field, method)",
+        "digest(__c__, observations, calibration, __f__, method)",
+        "digest(__c__, observations, __f__, method)",
         INPUTS,
     ),
     Defect(
         "reconstruct takes one method's code for all",
         "reconstruct_key",
-        "module_of('reconstructors', method)",
+        "module_of('reconstructors', method.name)",
         "'testfield.reconstruct.gls'",
         OWN_FILE,
     ),
@@ -521,9 +539,17 @@ CHAIN = [
     Defect(
         "only a module's own file counts",
         "sources",
-        "[name for name in imports(path) if name.split('.')[0] == 'testfield']",
+        "[other for other in imports(path) if other.split('.')[0] in known]",
         "[]",
         SOURCES,
+    ),
+    Defect("comments count as code", "code_digest", "what_it_does(content).encode()", "content", OWN_CODE),
+    Defect(
+        "annotations of what a class declares do not count",
+        "_WhatItDoes.visit_AnnAssign",
+        "self.in_class",
+        "False",
+        DOING,
     ),
 ]
 SEEDS = [

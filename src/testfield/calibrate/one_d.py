@@ -3,9 +3,9 @@
 import numpy as np
 
 from testfield.calibrate.calibration import Calibration
-from testfield.calibrate.looks import PINHOLE_LIKE
 from testfield.calibrate.rows import usable_rows
 from testfield.camera.interior import Interior, check_held
+from testfield.camera.lens import lens_model
 from testfield.camera.pose import Poses
 from testfield.camera.project import camera_jacobian
 from testfield.detect.observations import Observations
@@ -86,7 +86,7 @@ def _seen(rows: Observations, wand: Wand) -> tuple[np.ndarray, np.ndarray, list[
 
 def _camera(width_px: int, height_px: int, lens: str, hold: tuple[str, ...]) -> tuple[Interior, np.ndarray]:
     middle = [(width_px - 1) / 2, (height_px - 1) / 2]
-    interior = Interior(width_px, height_px, np.array([1.0, 1.0, *middle, *PINHOLE_LIKE[lens]]), lens)
+    interior = Interior(width_px, height_px, np.array([1.0, 1.0, *middle, *lens_model(lens).pinhole]), lens)
     check_held(hold, lens)
     held = np.array([name in hold for name in interior.names])
     return interior.with_parameters(np.where(held, 0.0, interior.parameters)), ~held

@@ -14,14 +14,12 @@ from testfield.adjust.bundle import Adjustment, adjust
 from testfield.adjust.network import Camera, Images, Network
 from testfield.calibrate.ties import LEAST_COMMON, Ties
 from testfield.camera.interior import Interior
-from testfield.camera.lens import MODELS
+from testfield.camera.lens import lens_model
 from testfield.camera.pose import Poses
 from testfield.camera.project import plane_of, project_camera
 from testfield.camera.rays import meet_all
 from testfield.errors import TestfieldError
 
-FISHEYE_AS_PINHOLE = np.array([1 / 3, 2 / 15, 17 / 315, 62 / 2835])
-"""The tangent's series: with these coefficients a fisheye images as a pinhole does; with none, equal angles alike."""
 FOCAL_OVER_WIDTH = np.geomspace(0.45, 5, 9)
 PAIRS, PAIRS_TRIED = 3, 60
 BASE = 1000.0
@@ -70,8 +68,8 @@ def start_from_nothing(ties: Ties, width_px: int, height_px: int, lens: str, foc
     views = _Views.of(ties)
     middle = [(width_px - 1) / 2, (height_px - 1) / 2]
     focals = [focal_px] if focal_px else list(FOCAL_OVER_WIDTH * width_px)
-    shapes = [np.zeros(len(MODELS[lens].coefficients))]
-    shapes += [FISHEYE_AS_PINHOLE] if lens == "fisheye" else []
+    pinhole = lens_model(lens).pinhole
+    shapes = [np.zeros(len(pinhole)), *([pinhole] if pinhole.any() else [])]
     cameras = [
         Interior(width_px, height_px, np.array([f, f, *middle, *shape]), lens) for shape in shapes for f in focals
     ]

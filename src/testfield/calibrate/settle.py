@@ -23,6 +23,7 @@ from testfield.calibrate.sheets import (
     without_suspect,
 )
 from testfield.calibrate.start import Start
+from testfield.camera.interior import Interior
 from testfield.camera.project import directions
 from testfield.camera.rays import meet_rays
 from testfield.camera.several import by_camera
@@ -347,12 +348,14 @@ def _doubts(adjustment: Adjustment) -> list[str]:
     return [] if adjustment.converged else [f"the bundle had not converged after {adjustment.steps} steps"]
 
 
+def _coarse_unknowns(interior: Interior) -> np.ndarray:
+    """(n,) which parameters the focal length and the first radial coefficient are."""
+    return np.isin(interior.names, ("fx", "fy", *interior.lens.radial_terms[:1]))
+
+
 def _coarse(network: Network) -> Network:
     """The first adjustment: boards as on their sheets, a one-parameter lens, weights that forgive."""
-    cameras = tuple(
-        Camera.of(one.interior, one.unknown & np.array([name in ("fx", "fy", "k1") for name in one.interior.names]))
-        for one in network.cameras
-    )
+    cameras = tuple(Camera.of(one.interior, one.unknown & _coarse_unknowns(one.interior)) for one in network.cameras)
     on_boards = network.point_board[network.point] >= 0
     coarse = network.take(on_boards)
     return replace(

@@ -11,6 +11,7 @@ from typing import Any
 from testfield import __version__
 from testfield.certify.verdict import Verdict
 from testfield.errors import DAMAGE
+from testfield.registry import module_of, names
 from testfield.scene.build import build_world
 from testfield.scene.load import load_scene
 from testfield.store.code import PACKAGES, code_digest, package_version
@@ -48,7 +49,8 @@ def _plain(verdict: Verdict) -> dict[str, Any]:
 
 def renderer_digest() -> str:
     """What the certificate vouches for: the source of the renderer and the sensor, and the packages under them."""
-    return code_digest("testfield.render.fast", "testfield.render.irradiance", "testfield.sensor.expose")
+    lenses = [module_of("lenses", name) for name in names("lenses")]
+    return code_digest("testfield.render.fast", "testfield.render.irradiance", "testfield.sensor.expose", *lenses)
 
 
 def _measure(part: str, scene: Path, quick: bool) -> list[Verdict]:

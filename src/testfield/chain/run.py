@@ -16,7 +16,7 @@ from testfield.camera.interior import check_held
 from testfield.chain.recipe import recipe_of
 from testfield.chain.truth import Truth
 from testfield.errors import TestfieldError
-from testfield.registry import STAGES, find, names
+from testfield.registry import ALGORITHMS, find, names
 from testfield.scene import meshes, sky
 from testfield.scene.load import load_scene, parse_scene
 from testfield.scene.schema import MapPart, SceneFile
@@ -136,7 +136,7 @@ def _write(path: Path, content: bytes) -> None:
 
 def check_algorithms(scene: SceneFile, source: str) -> None:
     """Raise `TestfieldError` where the scene asks for an algorithm or a coefficient that nobody knows."""
-    for stage in STAGES:
+    for stage in ALGORITHMS:
         field = stage.removesuffix("s")
         name = getattr(scene.measure, field)
         if name not in names(stage):

@@ -12,10 +12,10 @@ def add(commands: Any) -> None:
 
 def act(args: argparse.Namespace) -> int:
     """Print name and first sentence of each."""
-    from testfield.registry import STAGES, find, names
+    from testfield.registry import KINDS, find, names
     from testfield.sensor.presets import presets
 
-    for stage in STAGES:
+    for stage in KINDS:
         print(stage)
         for name in names(stage):
             text = (find(stage, name).__doc__ or "").strip().split("\n")[0]

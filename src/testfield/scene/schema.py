@@ -16,6 +16,7 @@ from pydantic import (
     model_validator,
 )
 
+from testfield.choices import LensName
 from testfield.scene.bend import curvature_of, extent_mm
 from testfield.sensor.presets import presets, with_preset
 from testfield.targets.board_pattern import BoardPattern, dictionary
@@ -146,7 +147,7 @@ class CameraPart(_Part):
     focal_length_mm: float = Field(12.0, gt=1, lt=2000, description="Principal distance.")
     aspect: float = Field(1.0, gt=0.5, lt=2, description="fy / fx.")
     principal_point_offset_px: Pair = Field((0, 0), description="Principal point minus the image's middle, x and y.")
-    lens: Literal["brown", "brown_shear", "rational", "fisheye"] = Field(
+    lens: LensName = Field(
         "brown",
         description="brown (k1 k2 k3 p1 p2), brown_shear (the same with the sensor's axes out of square), rational "
         "(OpenCV's 12 coefficients), fisheye (Kannala-Brandt k1-k4).",
@@ -877,9 +878,7 @@ class MeasurePart(_Part):
 
     centroid: str = Field("forward_model", description="Centroid estimator.")
     calibrator: str = Field("stitched", description="Calibration method.")
-    lens: Literal["brown", "brown_shear", "rational", "fisheye"] | None = Field(
-        None, description="Lens model to calibrate; absent, that of the camera."
-    )
+    lens: LensName | None = Field(None, description="Lens model to calibrate; absent, that of the camera.")
     hold: tuple[str, ...] = Field((), description="Parameters of the calibrated lens that are held at zero, as k5.")
     board: str | None = Field(
         None, description="The board that is calibrated with, for zhang, opencv and opencv_ro; absent, the best seen."
