@@ -78,8 +78,19 @@ def test_a_group_without_anything_to_judge_has_no_checks() -> None:
     assert figures["camera"]["coverage_interval_95"] is None
 
 
+def test_a_rig_is_judged_with_both_its_cameras_together() -> None:
+    path = SCENES / "stereo_rig.toml"
+    text = path.read_text().replace('rig = "bar"\ncount = 10', 'rig = "bar"\ncount = 2')
+    (trial,) = drawn_worlds(text, path, 1)
+    sizes = {group: (len(of.error), of.size) for group, of in trial.errors.items()}
+    assert sizes["camera"] == (18, 9) and sizes["relative_orientation"] == (6, 6)
+    for of in trial.errors.values():
+        assert 0.1 < of.nees < 4
+    assert set(figures_of([trial.errors])) == {*trial.errors, "checks"}
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize(("scene", "worlds"), [("quick", WORLDS), ("stitched_wall", 50)])
+@pytest.mark.parametrize(("scene", "worlds"), [("quick", WORLDS), ("stitched_wall", 50), ("stereo_rig", 50)])
 def test_claims_hold_over_worlds_and_those_one_fifth_wrong_do_not(scene: str, worlds: int) -> None:
     path = SCENES / f"{scene}.toml"
     found = [trial.errors for trial in drawn_worlds(path.read_text(), path, worlds)]

@@ -9,9 +9,9 @@ import pytest
 from testfield.render.fast import render_fast
 from testfield.render.irradiance import Irradiance
 from testfield.render.stage import build_stage
+from testfield.scene.board_parts import DirtPart
 from testfield.scene.build import build_world
 from testfield.scene.load import load_scene
-from testfield.scene.schema import DirtPart
 from testfield.scene.truth import see
 from testfield.scene.world import Dirt, TrueMarks, World
 from testfield.score.detection import EXPECTED_PX

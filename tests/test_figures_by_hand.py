@@ -17,11 +17,11 @@ from testfield.bench.clutter import ClutteredView
 from testfield.bench.recall import Recall, count
 from testfield.bench.scatter import figures as scatter
 from testfield.calibrate.certified import Certified
-from testfield.chain.measure import Measurement, _lengths
 from testfield.cli.uncertainty import _show
 from testfield.detect.centre import Centres
 from testfield.detect.detect import Targets
 from testfield.detect.observations import MEASURED
+from testfield.measure.photographs import Measurement, _lengths
 from testfield.report.measured import write_measurement
 from testfield.report.study import as_html
 from testfield.score.align import aligned_covariance, rigid_basis

@@ -230,6 +230,7 @@ TABLE: dict[str, list[Change]] = {
         ("description", "other", ()),
         # Random places and errors, and with them certified lengths; noise.
         ("seed", 4, (R, E, *SHEET)),
+        ("noise_seed", 4, (E,)),
         ("code_bits", 16, ALL),
         ("code_radii", "1:2.5:4", ALL),
         ("volume.size_mm", [4000, 3000, 2001], ()),

@@ -17,7 +17,6 @@ from testfield.calibrate.self_calibration import free_network
 from testfield.calibrate.stitched import stitched
 from testfield.camera.pose import Poses
 from testfield.camera.project import project
-from testfield.chain.measure import certified_of, measure, with_dots
 from testfield.chain.run import Run
 from testfield.cli.main import main
 from testfield.detect.circle_grid import order_grid
@@ -25,6 +24,7 @@ from testfield.detect.observations import MEASURED, Observations
 from testfield.detect.photograph import Found
 from testfield.detect.target_spec import TargetSpec, parse_target
 from testfield.errors import TestfieldError
+from testfield.measure.photographs import certified_of, measure, with_dots
 from testfield.reconstruct.points import Points
 from testfield.reconstruct.uncoded import match_dots
 from testfield.score.align import rigid_fit
@@ -42,7 +42,7 @@ RING = {"target": {"kind": "ring14"}}
 @pytest.fixture
 def whole_only(monkeypatch: pytest.MonkeyPatch) -> None:
     """The halves of the images are not measured too: they take six times as long, and only some tests ask them."""
-    monkeypatch.setattr("testfield.chain.measure.compare_halves", lambda images, measure: NO_HALVES)
+    monkeypatch.setattr("testfield.measure.photographs.compare_halves", lambda images, measure: NO_HALVES)
 
 
 def observations_of(noise_px: float = SIGMA_PX, coded: int = 20, seed: int = 0) -> tuple[Observations, list[Found]]:

@@ -29,13 +29,13 @@ QUICK = Path(__file__).parents[1] / "scenes/quick.toml"
 
 @pytest.fixture(scope="module", autouse=True)
 def ones_own() -> Iterator[None]:
-    kept = {kind: dict(entered) for kind, entered in registry._registered.items()}
     sys.path.insert(0, str(Path(__file__).parent))
     import_module("ones_own")  # the one line
     yield
     sys.path.pop(0)
-    for kind, entered in kept.items():
-        registry._registered[kind] = entered
+    for entered in registry._registered.values():
+        for name in [name for name, function in entered.items() if function.__module__ == "ones_own"]:
+            del entered[name]
     sys.modules.pop("ones_own")
 
 

@@ -17,7 +17,7 @@ from testfield.render.view import FAST, FAST_SAMPLED, PATH_SAMPLED, render_view,
 from testfield.scene.build import build_world
 from testfield.scene.check import check_scene, retro_reflectance
 from testfield.scene.load import load_scene, parse_scene
-from testfield.scene.schema import GradientPart, MapPart
+from testfield.scene.room_parts import GradientPart, MapPart
 from testfield.scene.sky import sky_of
 from testfield.scene.truth import see
 from testfield.scene.world import (

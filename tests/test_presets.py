@@ -6,8 +6,8 @@ import pytest
 
 from testfield.cli.main import main
 from testfield.errors import TestfieldError
+from testfield.scene.camera_parts import CameraPart, SensorPart
 from testfield.scene.load import parse_scene
-from testfield.scene.schema import CameraPart, SensorPart
 from testfield.sensor.presets import ABOUT, OF_THE_CAMERA, presets
 
 QUICK = (Path(__file__).parents[1] / "scenes/quick.toml").read_text()

@@ -15,8 +15,8 @@ from testfield.render.path import render_path
 from testfield.render.psf import pixel_weights
 from testfield.render.stage import Stage, build_stage
 from testfield.scene.build import build_world
+from testfield.scene.camera_parts import ResidualField
 from testfield.scene.load import load_scene
-from testfield.scene.schema import ResidualField
 from testfield.scene.truth import see
 from testfield.scene.world import World
 

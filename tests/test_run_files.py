@@ -11,11 +11,11 @@ import pytest
 
 from testfield.calibrate.calibration import Calibration
 from testfield.camera.images import Radiance, load_sheet
-from testfield.chain.measure import EMPTY
 from testfield.chain.run import Run
 from testfield.cli.main import main
 from testfield.detect.observations import Observations
 from testfield.errors import TestfieldError
+from testfield.measure.photographs import EMPTY
 from testfield.reconstruct.points import Points
 from testfield.score.scorecard import load_scorecard
 from testfield.targets.field import Field

@@ -9,7 +9,9 @@ import pytest
 from testfield.bench.drawn import draw_observations
 from testfield.scene.build import build_world
 from testfield.scene.load import load_scene
-from testfield.scene.schema import CheckRandom, SceneFile, StationRandom
+from testfield.scene.schema import SceneFile
+from testfield.scene.station_parts import StationRandom
+from testfield.scene.target_parts import CheckRandom
 from testfield.scene.truth import see
 from testfield.scene.world import World
 from testfield.seeds import Plane, _digest, normals

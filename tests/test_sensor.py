@@ -8,7 +8,7 @@ from scipy.stats import chi2, norm, poisson
 
 from testfield.camera.images import Frame, Radiance
 from testfield.errors import TestfieldError
-from testfield.scene.schema import SensorPart
+from testfield.scene.camera_parts import SensorPart
 from testfield.seeds import Plane
 from testfield.sensor.expose import Sensor, expose
 from testfield.sensor.patterns import gain_pattern

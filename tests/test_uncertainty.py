@@ -242,6 +242,17 @@ def test_recalibrated_trials_are_kept_and_are_the_same_again(copied: Path) -> No
     assert (copied / "uncertainty/calibration/0000.npy").read_bytes() == kept
 
 
+def test_several_processes_make_the_trials_that_one_makes(copied: Path, capsys: pytest.CaptureFixture) -> None:
+    command = ["uncertainty", str(copied), "--depth", "calibration", "--trials", "3", "--json"]
+    said, trials = [], copied / "uncertainty"
+    for jobs in ("1", "2"):
+        assert main([*command, "--jobs", jobs]) == 0
+        said.append(capsys.readouterr().out)
+        assert len(list(trials.rglob("*.npy"))) == 3 and not list(trials.rglob(".*"))
+        shutil.rmtree(trials)
+    assert said[0] == said[1]
+
+
 def test_the_command_speaks_of_what_it_cannot_do(copied: Path, capsys: pytest.CaptureFixture) -> None:
     for more, word in (
         (["--trials", "5"], "too few"),

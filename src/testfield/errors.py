@@ -1,7 +1,7 @@
 """Errors that speak to a person: what is wrong, where, and what to do."""
 
 import difflib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from functools import wraps
 from pathlib import Path
 from typing import TypeVar
@@ -15,7 +15,8 @@ DAMAGE = (
 
 
 class TestfieldError(Exception):
-    """Something a person can mend. The command line prints it in one line and exits with status 2.
+    """Something a person can mend. The command line prints it in one line and exits with status 2; of `Faults` each
+    has a line.
 
     Parameters
     ----------
@@ -39,6 +40,36 @@ class TestfieldError(Exception):
         head = f"{self.where}: " if self.where else ""
         tail = f"; {self.do}" if self.do else ""
         return f"{head}{self.what}{tail}"
+
+
+class Faults(TestfieldError):
+    """Several things that are wrong with one thing at once. The first speaks for all where only one can."""
+
+    def __init__(self, faults: Sequence[TestfieldError]):
+        self.faults = tuple(faults)
+        super().__init__(faults[0].what, faults[0].where, faults[0].do)
+
+    def __reduce__(self) -> tuple:
+        return type(self), (self.faults,)
+
+
+def faults_in(error: TestfieldError) -> tuple[TestfieldError, ...]:
+    """All that an error speaks of, one after the other."""
+    return error.faults if isinstance(error, Faults) else (error,)
+
+
+def gather(*checks: Callable[[], T]) -> list[T]:
+    """What each of some checks returns. Raises `TestfieldError` with all that any of them raised."""
+    found: list[T] = []
+    faults: list[TestfieldError] = []
+    for check in checks:
+        try:
+            found.append(check())
+        except TestfieldError as error:
+            faults += faults_in(error)
+    if faults:
+        raise faults[0] if len(faults) == 1 else Faults(faults)
+    return found
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

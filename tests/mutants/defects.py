@@ -60,6 +60,22 @@ LITERAL = "tests/test_pictures.py::test_a_name_is_drawn_as_it_is_written"
 HIDDEN = "tests/test_bent_boards.py::test_only_what_cannot_stand_before_a_mark_is_passed_over"
 LENGTHS_OF_RINGS = "tests/test_what_was_seen.py::test_rings_of_another_length_are_named_though_some_are_read_by_chance"
 SOURCES = "tests/test_run.py::test_every_file_a_stage_computes_with_is_in_its_key"
+BAR_FAILS = "tests/test_score_edges_by_hand.py::test_a_check_bar_fails_where_its_error_exceeds_its_expanded_uncertainty"
+PLACE = "tests/test_score_edges_by_hand.py::test_a_place_is_what_lies_nearest_to_the_middle_of_its_cell"
+TWO_POINTS = "tests/test_score_edges_by_hand.py::test_two_check_points_are_compared_without_a_fit"
+ONE_OR_NONE = "tests/test_score_edges_by_hand.py::test_one_check_point_has_no_largest_distance_and_none_has_no_figures"
+SCALE = "tests/test_score_edges_by_hand.py::test_the_scale_is_compared_to_a_part_in_a_thousand_million"
+RIG = "tests/test_several_by_hand.py::test_the_relative_orientation_of_a_rig_is_compared_in_mrad_and_mm"
+EACH_CAMERA = "tests/test_several_by_hand.py::test_each_camera_has_its_own_figures_and_the_worst_stands_in_front"
+SPAN = "tests/test_arrangement_by_hand.py::test_lines_span_a_volume_that_they_fill_to_nine_tenths"
+ON_BOARD = (
+    "tests/test_acceptance_edges_by_hand.py::test_a_plane_of_check_targets_on_a_board_has_nothing_of_the_board_itself"
+)
+SENTENCE = "tests/test_acceptance_edges_by_hand.py::test_the_sentence_is_that_of_its_verdict_with_its_numbers"
+BAND = "tests/test_drawings_by_hand.py::test_errors_are_drawn_with_limit_slope_and_band"
+LINES_DRAWN = "tests/test_drawings_by_hand.py::test_every_test_length_is_drawn_between_its_targets_the_worst_thickest"
+SMALLER = "tests/test_drawings_by_hand.py::test_a_photograph_on_the_page_is_made_smaller_but_never_larger"
+WRITTEN = "tests/test_drawings_by_hand.py::test_a_measurement_writes_what_it_measured"
 
 SCORE = [
     Defect(
@@ -278,6 +294,65 @@ SCORE = [
         "(__t__, 'detection.wrong_dot', '{:d}')",
         CONSOLE,
     ),
+]
+EDGES = [
+    Defect("bars that pass have failed", "ten_figures", "abs(__e__) > 1", "abs(__e__) != 1", BAR_FAILS),
+    Defect("places lie in the corners of their cells", "_places", "cell % 1 - 0.5", "cell % 1", PLACE),
+    Defect("two check points are fitted", "score_points", "len(rows) >= 3", "len(rows) >= 2", TWO_POINTS),
+    Defect("no check point has a distance", "_largest_distance", "len(__p__) > 1", "len(__p__) != 1", ONE_OR_NONE),
+    Defect("a million less one", "score_lengths", "1e6 * (__a__ - __b__)", "999999.0 * (__a__ - __b__)", SCALE),
+    Defect("turns of rigs in rad called mrad", "score_rigs", "1e3 * __n__(error[:3])", "1.0 * __n__(error[:3])", RIG),
+    Defect(
+        "the best camera stands in front",
+        "score_cameras",
+        "max(__e__, key=__k__)",
+        "min(__e__, key=__k__)",
+        EACH_CAMERA,
+    ),
+    Defect(
+        "a camera is shown with the residuals of all",
+        "of_camera",
+        "calibration.residual_camera == camera",
+        "calibration.residual_camera >= 0",
+        EACH_CAMERA,
+    ),
+    Defect("every volume is spanned", "arrangement", "(1 - CORNER) * size", "(1 - CORNER) % size", SPAN),
+    Defect(
+        "a board's own marks are check targets",
+        "planes",
+        "marks.code[(marks.role == CHECK) & __p__]",
+        "marks.code[(marks.role <= CHECK) & __p__]",
+        ON_BOARD,
+    ),
+    Defect(
+        "what passed is said to have failed",
+        "sentence",
+        "verdict['verdict'] == 'failed'",
+        "verdict['verdict'] != 'failed'",
+        SENTENCE,
+    ),
+    Defect(
+        "the band of the slope is none",
+        "errors_over_length",
+        "1e-6 * line[key] * __r__",
+        "1e-6 * line[key] + __r__",
+        BAND,
+    ),
+    Defect(
+        "the smallest error is the reddest",
+        "plan_of_lengths",
+        "np.abs(__d__) / __m__",
+        "1 - np.abs(__d__) / __m__",
+        LINES_DRAWN,
+    ),
+    Defect(
+        "photographs are embedded as large as they are",
+        "_picture",
+        "PICTURE_WIDTH / __w__",
+        "PICTURE_WIDTH * __w__",
+        SMALLER,
+    ),
+    Defect("a measurement's files are empty", "write_measurement", "save(path)", "path.touch()", WRITTEN),
 ]
 REPORT = [
     Defect(
@@ -794,4 +869,4 @@ CERTIFICATES = [
     Defect("what hides a mark is half as wide", "_towards", "1.001 * radius_mm", "0.5 * radius_mm", HIDDEN),
     Defect("labels are formulas", "LiteralFigure._take_literally", "text.set_parse_math(False)", "text", LITERAL),
 ]
-DEFECTS = [*CERTIFICATES, *SCORE, *REPORT, *ACCEPTANCE, *CHAIN, *SEEDS, *STATISTICS, *BENCH, *PHYSICS]
+DEFECTS = [*CERTIFICATES, *SCORE, *EDGES, *REPORT, *ACCEPTANCE, *CHAIN, *SEEDS, *STATISTICS, *BENCH, *PHYSICS]

@@ -6,8 +6,8 @@ from testfield.bench.claim_figures import Errors
 from testfield.calibrate.calibration import AXES, Calibration
 from testfield.camera.pose import rotation, rotation_vector
 from testfield.reconstruct.points import Points
+from testfield.scene.camera_parts import RigPart
 from testfield.scene.parts import relative_poses
-from testfield.scene.schema import RigPart
 from testfield.scene.world import World
 from testfield.score.camera import true_in_datum
 from testfield.score.points import score_points

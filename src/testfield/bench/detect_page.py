@@ -10,6 +10,7 @@ from testfield.bench.centring import BEST, KNOWN
 from testfield.bench.detect import CHI2, FACTORS, LEAST_EFFICIENCY, MOST_BIAS, text
 from testfield.bench.dots import Case
 from testfield.report.style import ACCENT, FAINT, INK, figure, svg_of
+from testfield.store.stamp import stamp
 from testfield.store.text import read_text, write_text
 
 LABELS = {
@@ -39,7 +40,7 @@ def write_page(figures: dict[str, Any], folder: Path) -> Path:
     from markupsafe import Markup
 
     folder.mkdir(parents=True, exist_ok=True)
-    write_text(folder / "detect.json", json.dumps(figures, indent=1))
+    write_text(folder / "detect.json", json.dumps(stamp() | figures, indent=1))
     drawings = {}
     for factor, rows in figures["series"].items():
         if factor in FACTORS and len(rows) > 1:

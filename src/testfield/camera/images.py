@@ -156,6 +156,7 @@ class Radiance:
             "compression": OpenEXR.ZIPS_COMPRESSION,
             "type": OpenEXR.scanlineimage,
             "station": self.station,
+            "format": str(FORMAT),
         }
         try:
             with OpenEXR.File(header, {"Y": np.ascontiguousarray(self.values, np.float32)}) as file:

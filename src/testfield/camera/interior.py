@@ -2,13 +2,12 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 
 import numpy as np
 
 from testfield.camera import smooth_field
 from testfield.camera.lens import LensModel, lens_model, lens_names
-from testfield.errors import TestfieldError
+from testfield.errors import TestfieldError, nearest
 from testfield.store.sheets import array
 
 LARGEST_PX = 100_000
@@ -151,8 +150,4 @@ def check_held(names: Iterable[str], model: str, where: str = "measure.hold") ->
     own = lens_model(model).coefficients
     for name in names:
         if name not in own:
-            like = get_close_matches(name, own, 1)
-            raise TestfieldError(
-                f"the lens model '{model}' has no coefficient '{name}'", where,
-                f"did you mean {like[0]}?" if like else f"it has {', '.join(own)}",
-            )  # fmt: skip
+            raise TestfieldError(f"the lens model '{model}' has no coefficient '{name}'", where, nearest(name, own))

@@ -4,7 +4,6 @@ import json
 import platform
 import time
 from collections.abc import Callable
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +14,7 @@ from testfield.registry import module_of, names
 from testfield.scene.build import build_world
 from testfield.scene.load import load_scene
 from testfield.store.code import PACKAGES, code_digest, package_version
+from testfield.store.stamp import stamp
 from testfield.store.text import read_text, write_text
 
 PARTS = ("geometry", "light", "lens", "focus", "sensor", "sameness")
@@ -30,14 +30,13 @@ def certify(scene: Path, quick: bool, tell: Callable[[Verdict], None]) -> dict[s
             verdicts.append(verdict)
             tell(verdict)
         seconds[part] = round(time.perf_counter() - start, 1)
-    return {
+    return stamp() | {
         "quick": quick,
         "passed": all(verdict.passed for verdict in verdicts),
         "verdicts": [_plain(verdict) for verdict in verdicts],
         "code": renderer_digest(),
         "versions": {"testfield": __version__, "python": platform.python_version()}
         | {name: package_version(name) for name in PACKAGES},
-        "made": datetime.now(UTC).isoformat(timespec="seconds"),
         "time_s": seconds,
     }
 

@@ -3,10 +3,11 @@
 from testfield.chain.run import Run
 from testfield.errors import TestfieldError
 from testfield.scene import meshes, sky
-from testfield.scene.schema import MapPart, SceneFile
+from testfield.scene.room_parts import MapPart
+from testfield.scene.schema import SceneFile
 from testfield.store.digests import digest, file_digest
 
-NOT_OF_THE_WORLD = {"name", "description", "acceptance", "measure", "render", "sensor", "exposure"}
+NOT_OF_THE_WORLD = {"name", "description", "acceptance", "measure", "render", "sensor", "exposure", "noise_seed"}
 """Parts of a scene that change nothing of what is true."""
 MIXED = "more than one world"
 
@@ -23,7 +24,7 @@ def rendered_world(scene: SceneFile) -> str:
 
 def exposed_world(scene: SceneFile, rendered: str) -> str:
     """Digest of what a frame shows: the world of its radiance, and the sensor that saw it."""
-    return digest(rendered, scene.model_dump(exclude_defaults=True, include={"sensor", "exposure"}))
+    return digest(rendered, scene.model_dump(exclude_defaults=True, include={"sensor", "exposure", "noise_seed"}))
 
 
 def world_of(run: Run, names: list[str]) -> str:

@@ -66,7 +66,8 @@ def lens_modules(scene: SceneFile) -> list[str]:
 def expose_key(scene: SceneFile, station: str, radiance: str, sensor_seed: int | None = None) -> str:
     """Key of a station's frame, from radiance of these bytes, by a sensor whose fixed patterns are of a seed of their
     own where it is not the only one."""
-    seeds = (scene.seed, scene.seed if sensor_seed is None else sensor_seed)
+    noise = scene.seed if scene.noise_seed is None else scene.noise_seed
+    seeds = (noise, scene.seed if sensor_seed is None else sensor_seed)
     return digest(code_digest("testfield.sensor.expose"), radiance, sensor_of(scene), seeds, station)
 
 

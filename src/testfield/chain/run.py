@@ -4,6 +4,7 @@ import platform
 import shutil
 import sys
 import tomllib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial
 from inspect import signature
@@ -15,18 +16,21 @@ from testfield import __version__
 from testfield.camera.interior import check_held
 from testfield.chain.recipe import recipe_of
 from testfield.chain.truth import Truth
-from testfield.errors import TestfieldError
+from testfield.errors import TestfieldError, gather, nearest
 from testfield.registry import ALGORITHMS, find, names
 from testfield.scene import meshes, sky
-from testfield.scene.load import load_scene, parse_scene
-from testfield.scene.schema import MapPart, SceneFile
+from testfield.scene.load import load_scene, numbered, parse_scene
+from testfield.scene.room_parts import MapPart
+from testfield.scene.schema import SceneFile
+from testfield.scene.shipped import find_scene
 from testfield.scene.truth import Views
 from testfield.scene.world import World
 from testfield.score.scorecard import load_scorecard
-from testfield.store.atomic import sweep
+from testfield.store.atomic import part_path, sweep
 from testfield.store.code import PACKAGES, code_digest, package_version
 from testfield.store.digests import digest, file_digest
 from testfield.store.ledger import Ledger, inside
+from testfield.store.stamp import now
 from testfield.store.text import decoded
 from testfield.targets.field import Field
 
@@ -80,27 +84,58 @@ class Run:
         return path
 
 
-def begin(scene_path: Path, out: Path | None, seed: int | None, jobs: int) -> tuple[Run, list[str]]:
+def begin(
+    scene_path: Path, out: Path | None, seed: int | None, jobs: int, noise_seed: int | None = None
+) -> tuple[Run, list[str]]:
     """Check a scene and lay out its run's folder. Returns the run and the scene's warnings.
 
     Nothing that an earlier run made is touched before the scene has passed every check.
     """
-    run, content, warnings = checked(scene_path, out, seed, jobs)
+    run, content, warnings = checked(scene_path, out, seed, jobs, noise_seed)
     lay_out(run, content, warnings)
     return run, warnings
 
 
-def checked(scene_path: Path, out: Path | None, seed: int | None, jobs: int) -> tuple[Run, bytes, list[str]]:
-    """A run whose scene has passed every check, the bytes of its scene file, and the scene's warnings."""
-    load_scene(scene_path)
+def checked(
+    scene_path: Path, out: Path | None, seed: int | None, jobs: int, noise_seed: int | None = None
+) -> tuple[Run, bytes, list[str]]:
+    """A run whose scene has passed every check, the bytes of its scene file, and the scene's warnings.
+
+    The scene is at the path, or comes along under that name. Another `seed` is another world, and another `noise_seed`
+    other noise in the same one; each has a folder of its own.
+    """
+    scene_path = find_scene(scene_path)
+    scene = load_scene(scene_path)
     content = scene_path.read_bytes()
-    if seed is not None:
-        content = with_seed(decoded(content), seed).encode()
-    scene = parse_scene(content, str(scene_path), scene_path.parent)
-    folder = out or Path("renders") / scene.name
+    others = {"seed": seed, "noise_seed": noise_seed}
+    changes = {key: value for key, value in others.items() if value is not None and value != getattr(scene, key)}
+    if changes:
+        content = with_values(decoded(content), changes).encode()
+        scene = parse_scene(content, str(scene_path), scene_path.parent)
+    folder = folder_of(scene.name, out, changes.get("seed"), changes.get("noise_seed"))
     run = Run(folder, scene, str(scene_path), Ledger(folder), jobs)
-    check_algorithms(scene, str(scene_path))
-    return run, content, run.truth.check(str(scene_path))
+    return run, content, examined(run, content)
+
+
+def folder_of(name: str, out: Path | None, seed: int | None, noise_seed: int | None) -> Path:
+    """A run's folder: `out` or renders/NAME, with -seedN for another world and -noiseN for other noise.
+
+    A folder that was named is taken for any world, but other noise is never put beside it into the same one.
+    """
+    folder = out or Path("renders") / (name if seed is None else f"{name}-seed{seed}")
+    return folder if noise_seed is None else folder.with_name(f"{folder.name}-noise{noise_seed}")
+
+
+def examined(run: Run, content: bytes) -> list[str]:
+    """The warnings of a run's scene. Raises `TestfieldError` for all that is wrong with it, each fault with its line
+    in `content`, the scene file's bytes."""
+    warnings: list[str] = []
+    with numbered(content, run.source):
+        gather(
+            lambda: check_algorithms(run.scene, run.source),
+            lambda: warnings.extend(run.truth.check(run.source)),
+        )
+    return warnings
 
 
 def lay_out(run: Run, content: bytes, warnings: list[str]) -> None:
@@ -122,7 +157,8 @@ def lay_out(run: Run, content: bytes, warnings: list[str]) -> None:
     field = run.truth.told
     run.ledger.make("field.json", field_key(field), field.save, world=digest(field))
     run.ledger.note(
-        scene=scene.name, seed=scene.seed, command=" ".join(["testfield", *sys.argv[1:]]),
+        scene=scene.name, seed=scene.seed, noise_seed=scene.noise_seed, begun=now(),
+        command=" ".join(["testfield", *sys.argv[1:]]),
         versions={"testfield": __version__, "python": platform.python_version()}
         | {name: package_version(name) for name in PACKAGES},
         machine=f"{platform.system()} {platform.machine()}, {platform.processor() or 'processor not named'}",
@@ -136,19 +172,20 @@ def _write(path: Path, content: bytes) -> None:
 
 def check_algorithms(scene: SceneFile, source: str) -> None:
     """Raise `TestfieldError` where the scene asks for an algorithm or a coefficient that nobody knows."""
-    for stage in ALGORITHMS:
-        field = stage.removesuffix("s")
-        name = getattr(scene.measure, field)
-        if name not in names(stage):
-            raise TestfieldError(
-                f"no {field} is called '{name}'",
-                f"{source}, measure.{field}",
-                f"choose one of {', '.join(names(stage))}",
-            )
+    gather(*(partial(_check_known, scene, stage, source) for stage in ALGORITHMS))
     for camera in scene.cameras or (scene.camera,):
         check_held(scene.measure.hold, scene.measure.lens or camera.lens, f"{source}, measure.hold")
     _check_board(scene, source)
     recipe_of(scene).check(f"{source}, measure")
+
+
+def _check_known(scene: SceneFile, stage: str, source: str) -> None:
+    field = stage.removesuffix("s")
+    name = getattr(scene.measure, field)
+    if name not in names(stage):
+        raise TestfieldError(
+            f"no {field} is called '{name}'", f"{source}, measure.{field}", nearest(name, names(stage))
+        )
 
 
 def _check_board(scene: SceneFile, source: str) -> None:
@@ -158,8 +195,7 @@ def _check_board(scene: SceneFile, source: str) -> None:
         return
     known = [part.name for part in scene.boards]
     if board not in known:
-        raise TestfieldError(f"no board is called '{board}'", f"{source}, measure.board",
-                             f"choose one of {', '.join(known)}")  # fmt: skip
+        raise TestfieldError(f"no board is called '{board}'", f"{source}, measure.board", nearest(board, known))
     if "board" not in signature(find("calibrators", method)).parameters:
         raise TestfieldError(f"the calibrator '{method}' takes no single board", f"{source}, measure.board",
                              "leave it out, or choose zhang, opencv or opencv_ro")  # fmt: skip
@@ -195,8 +231,40 @@ def resume(folder: Path, jobs: int) -> Run:
 
 
 def with_seed(text: str, seed: int) -> str:
-    """A scene file's text with another seed. Comments are lost: the text is that of the changed document."""
-    return tomli_w.dumps(tomllib.loads(text) | {"seed": seed})
+    """A scene file's text with another seed."""
+    return with_values(text, {"seed": seed})
+
+
+def with_values(text: str, values: Mapping[str, int]) -> str:
+    """A scene file's text with other values. Comments are lost: the text is that of the changed document."""
+    return tomli_w.dumps(tomllib.loads(text) | dict(values))
+
+
+def clear(run: Run) -> None:
+    """Remove all that the run made, so that it begins again. Frames that it did not make stay."""
+    for name in run.ledger.files:
+        path = run.folder / name
+        inside(run.folder, path)
+        if not (name.startswith("frames/") and run.ledger.foreign(name)):
+            path.unlink(missing_ok=True)
+    run.ledger.path.unlink(missing_ok=True)
+    run.ledger = Ledger(run.folder)
+
+
+def share_radiance(base: Run, run: Run) -> None:
+    """Give a run the radiance of another one of the same world, as hard links where the file system has them."""
+    for name, entry in base.ledger.files.items():
+        if not name.startswith("radiance/") or not base.ledger.undamaged(name) or run.ledger.fresh(name, entry.key):
+            continue
+        part = part_path(run.folder / name)
+        part.parent.mkdir(parents=True, exist_ok=True)
+        part.unlink(missing_ok=True)
+        try:
+            part.hardlink_to(base.folder / name)
+        except OSError:
+            shutil.copyfile(base.folder / name, part)
+        run.ledger.place({name: part}, entry.key, world=entry.world)
+    run.ledger.note(images=base.ledger.notes.get("images", {}))
 
 
 def _advice(maker: str, folder: Path) -> str:

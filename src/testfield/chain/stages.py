@@ -25,8 +25,8 @@ from testfield.scene.parts import ScenePart
 from testfield.scene.world import World
 from testfield.seeds import seed_of
 from testfield.store.digests import file_digest
-from testfield.store.pool import process_pool
 from testfield.store.threads import one_blas_thread
+from testfield.store.work import each
 
 Made = tuple[int, int]
 """How many of a stage's items were made, and how many there are."""
@@ -115,7 +115,7 @@ def expose(run: Run) -> Made:
             for file in pair:
                 run.ledger.shows(file, world)
         else:
-            seeds = (part.sensor_seed, scene.seed)
+            seeds = (part.sensor_seed, scene.seed if scene.noise_seed is None else scene.noise_seed)
             work.append((source, run.folder / pair[0], size, sensor, seeds, pair, key, world))
     for parts, key, world in _each(run, "expose", _expose_one, work, "frames"):
         run.ledger.place(parts, key, world=world)
@@ -252,7 +252,8 @@ def score(run: Run) -> Made:
         card = scorecard(
             run.world, run.views, observations, calibration, points, cameras=run.truth.cameras, rigs=run.scene.rigs
         )
-        write_scorecard(card | {"time_s": times}, path)
+        noise = {} if run.scene.noise_seed is None else {"noise_seed": run.scene.noise_seed}
+        write_scorecard(card | noise | {"time_s": times}, path)
 
     return int(run.ledger.make("scorecard.json", key, write, inputs)), 1
 
@@ -328,12 +329,4 @@ def stale_inputs(run: Run) -> list[str]:
 def _each(run: Run, title: str, function: Callable, work: list, unit: str) -> Iterable[Any]:
     """Results in order, from several processes where there is enough to do."""
     with bar(title, len(work), unit) as move:
-        if run.jobs <= 1 or len(work) <= 2:
-            for item in work:
-                yield function(item)
-                move(1)
-            return
-        with process_pool(run.jobs) as pool:
-            for result in pool.map(function, work):
-                yield result
-                move(1)
+        yield from each(function, work, run.jobs, alone=2, moved=lambda _: move(1))

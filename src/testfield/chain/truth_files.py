@@ -10,7 +10,10 @@ from testfield.chain.run import Run
 from testfield.scene.world import ROLES
 from testfield.store.code import code_digest
 from testfield.store.digests import digest
+from testfield.store.sheets import FORMAT
 from testfield.store.text import write_text
+
+NOTES = {"format": str(FORMAT)}
 
 
 def write_truth(run: Run) -> None:
@@ -35,7 +38,7 @@ def _marks(run: Run, path: Path) -> None:
         **{f"{axis}_mm": xyz[:, k] for k, axis in enumerate("xyz")},
         **{f"normal_{axis}": normal[:, k] for k, axis in enumerate("xyz")},
     }  # fmt: skip
-    pq.write_table(pa.table(columns), path)
+    pq.write_table(pa.table(columns).replace_schema_metadata(NOTES), path)
 
 
 def _views(run: Run, path: Path) -> None:
@@ -54,7 +57,7 @@ def _views(run: Run, path: Path) -> None:
         "semi_minor_px": views.semi_axes_px[at][:, 1], "angle_deg": views.angle_deg[at],
         "obliquity_deg": views.obliquity_deg[at],
     }  # fmt: skip
-    pq.write_table(pa.table(columns), path)
+    pq.write_table(pa.table(columns).replace_schema_metadata(NOTES), path)
 
 
 def _camera(run: Run, path: Path) -> None:
@@ -67,5 +70,10 @@ def _camera(run: Run, path: Path) -> None:
         sheet.name: {"R": R.tolist(), "t_mm": t.tolist()}
         for sheet, R, t in zip(world.field.boards, world.world_from_board.R, world.world_from_board.t_mm, strict=True)
     }
-    data = {"interior": world.interior.to_json(), "camera_from_world": poses, "world_from_board": boards}
+    data = {
+        "format": FORMAT,
+        "interior": world.interior.to_json(),
+        "camera_from_world": poses,
+        "world_from_board": boards,
+    }
     write_text(path, json.dumps(data, indent=1))

@@ -86,6 +86,7 @@ def _limit(args: argparse.Namespace) -> tuple[float, ...] | None:
 def _show(card: dict[str, Any], page: Path) -> None:
     import textwrap
 
+    from testfield.cli.colour import bad, judged
     from testfield.report.accept import sentence
 
     print(f"{textwrap.fill(f'{sentence(card)} Computed as in VDI/VDE 2634 part 1.', 110)}\n")
@@ -100,7 +101,7 @@ def _show(card: dict[str, Any], page: Path) -> None:
             f"{row['line']:<{width}}  {ends:>9}  {row['calibrated_mm']:11.4f}  {row['measured_mm']:11.4f}  "
             f"{row['dl_mm']:+8.4f}  {row['u_measured_mm']:10.4f}  {row['en']:+5.2f}"
         )
-        print(line + (f"  {row['limit_mm']:8.4f}{'' if row['within'] else '  outside'}" if verdict else ""))
+        print(line + (f"  {row['limit_mm']:8.4f}{'' if row['within'] else bad('  outside')}" if verdict else ""))
     if len(shown) < len(rows):
         print(f"the {len(shown)} largest of {len(rows)} errors; all with --json")
     print(f"\n{found['rule']}")
@@ -109,9 +110,8 @@ def _show(card: dict[str, Any], page: Path) -> None:
     for title, value in _figures(card):
         print(f"  {title:<52}  {value}")
     for row in card["arrangement"] or ():
-        print(
-            f"  {row['what'] + ': ' + row['found']:<52}  {'met' if row['met'] else 'NOT met, asked: ' + row['asked']}"
-        )
+        said = judged(row["met"], "met" if row["met"] else f"NOT met, asked: {row['asked']}")
+        print(f"  {row['what'] + ': ' + row['found']:<52}  {said}")
     print(f"\n  page  {page}")
 
 

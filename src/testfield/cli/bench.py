@@ -2,49 +2,54 @@
 
 import argparse
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from testfield.cli.colour import judged
 from testfield.store.text import read_text
 
 
 def add(commands: Any) -> None:
-    """Enter the command."""
-    p = commands.add_parser("bench", help="compare with peers in one run, as ratios", description=__doc__)
-    p.add_argument(
-        "what", choices=("render", "detect", "recall", "adjust", "claims"),
-        help="render: the fast renderer against plain path tracing; detect: centring against the physical limit; "
-        "recall: targets found and read in clutter; adjust: the bundle against Ceres and OpenCV; claims: claimed "
-        "covariances against errors, over worlds drawn from --scene, or over new exposures of --run",
-    )  # fmt: skip
-    p.add_argument(
-        "--targets", type=int, default=20000, metavar="N", help="recall: how many are rendered (default: 20000)"
+    """Enter the command, and each tool with the options that it has."""
+    p = commands.add_parser("bench", help="compare parts with their peers, as ratios of one run", description=__doc__)
+    tools = p.add_subparsers(dest="what", required=True, metavar="TOOL")
+
+    one = _tool(tools, "render", _render, "the fast renderer against plain path tracing")
+    one.add_argument("--scene", type=Path, metavar="SCENE", help="what is rendered (default: shadowed_board)")
+
+    one = _tool(tools, "detect", _detect, "every centroid estimator against the physical limit")
+    one.add_argument("--quick", action="store_true", help="a few minutes' worth")
+    one.add_argument("--only", choices=("series", "speed"), help="one of its two parts")
+    one.add_argument(
+        "--out", type=Path, default=Path("renders"), metavar="FOLDER", help="where the page and finished cases go"
     )
-    p.add_argument("--empty", type=int, default=50, metavar="N", help="recall: views without targets (default: 50)")
-    p.add_argument(
-        "--scene", type=Path, metavar="SCENE", help="render's (default: scenes/shadowed_board.toml), claims'"
+
+    one = _tool(tools, "recall", _recall, "targets found and read in rendered clutter")
+    one.add_argument("--targets", type=int, default=20000, metavar="N", help="how many are rendered (default: 20000)")
+    one.add_argument("--empty", type=int, default=50, metavar="N", help="views without targets (default: 50)")
+    one.add_argument("--quick", action="store_true", help="1,000 targets and 5 views at most")
+
+    one = _tool(tools, "adjust", _adjust, "the bundle against Ceres and OpenCV, and how its time grows")
+    one.add_argument("--quick", action="store_true", help="a few minutes' worth")
+
+    one = _tool(
+        tools, "claims", _claims, "claimed covariances against errors, over drawn worlds or new exposures of a run"
     )
-    p.add_argument("--run", type=Path, metavar="RUN", help="claims: the folder of a rendered run to expose again")
-    p.add_argument("--trials", type=int, default=50, metavar="N", help="claims: worlds or exposures (default: 50)")
-    p.add_argument("--quick", action="store_true", help="detect, recall, adjust: a few minutes' worth")
-    p.add_argument("--only", choices=("series", "speed"), help="detect: one of its two parts")
-    p.add_argument(
-        "--out", type=Path, default=Path("renders"), metavar="FOLDER", help="where detect's page and finished cases go"
-    )
+    one.add_argument("--scene", type=Path, metavar="SCENE", help="whose worlds are drawn (default: quick)")
+    one.add_argument("--run", type=Path, metavar="RUN", help="the folder of a rendered run to expose again instead")
+    one.add_argument("--trials", type=int, default=50, metavar="N", help="worlds or exposures (default: 50)")
+
+
+def _tool(tools: Any, name: str, act: Callable[[argparse.Namespace], int], what: str) -> argparse.ArgumentParser:
+    p: argparse.ArgumentParser = tools.add_parser(name, help=what, description=f"{what[0].upper()}{what[1:]}.")
     p.add_argument("--json", action="store_true", help="print one JSON object")
     p.set_defaults(act=act)
-
-
-def act(args: argparse.Namespace) -> int:
-    """Run the benchmark and print its figures."""
-    return {"render": _render, "detect": _detect, "recall": _recall, "adjust": _adjust, "claims": _claims}[args.what](
-        args
-    )
+    return p
 
 
 def _tell(what: str) -> None:
-    if sys.stderr.isatty():
-        print(f"bench: {what}", file=sys.stderr, flush=True)
+    print(f"bench: {what}", file=sys.stderr, flush=True)
 
 
 def _detect(args: argparse.Namespace) -> int:
@@ -55,15 +60,12 @@ def _detect(args: argparse.Namespace) -> int:
     from testfield.bench.detect_speed import bench_speed
     from testfield.store.lock import only_writer
 
-    def tell(what: str) -> None:  # also into a file: this one takes long
-        print(f"bench: {what}", file=sys.stderr, flush=True)
-
     figures: dict[str, Any] = {}
     with only_writer(args.out):
         if args.only != "speed":
-            figures |= bench_detect(args.quick, args.out, tell)
+            figures |= bench_detect(args.quick, args.out, _tell)
         if args.only != "series":
-            figures |= {"speed": bench_speed(args.quick, tell)}
+            figures |= {"speed": bench_speed(args.quick, _tell)}
         page = write_page(figures, args.out) if "series" in figures else None
     if args.json:
         print(json.dumps(figures))
@@ -100,7 +102,10 @@ def _print_verdicts(verdicts: list[dict[str, Any]]) -> None:
     from testfield.bench.centring import BEST
 
     for v in verdicts:
-        word, value = "met   " if v["met"] else "MISSED", "  none" if v["measured"] is None else f"{v['measured']:6.3f}"
+        word, value = (
+            judged(v["met"], "met   " if v["met"] else "MISSED"),
+            "  none" if v["measured"] is None else f"{v['measured']:6.3f}",
+        )
         notes = [f"{v['band'][0]:.3f} to {v['band'][1]:.3f}"] if v.get("band") else []
         notes += [f"{v['seen']:.3f} with chance"] if v.get("seen") is not None else []
         notes += [v["case"]] if "case" in v else []
@@ -114,8 +119,9 @@ def _render(args: argparse.Namespace) -> int:
     from testfield.bench.render import bench_render, blurless
     from testfield.scene.build import build_world
     from testfield.scene.load import load_scene
+    from testfield.scene.shipped import find_scene
 
-    figures = bench_render(blurless(build_world(load_scene(args.scene or Path("scenes/shadowed_board.toml")))), _tell)
+    figures = bench_render(blurless(build_world(load_scene(find_scene(args.scene or "shadowed_board")))), _tell)
     if args.json:
         print(json.dumps(figures))
         return 0
@@ -144,7 +150,7 @@ def _recall(args: argparse.Namespace) -> int:
         print(json.dumps(figures))
         return 0
     for verdict in figures["verdicts"]:
-        word, limit = "met   " if verdict["met"] else "missed", verdict["limit"]
+        word, limit = judged(verdict["met"], "met   " if verdict["met"] else "missed"), verdict["limit"]
         print(f"{word}  {verdict['name']:<62} {verdict['measured']:>7.4g}  (asked: {limit})")
     print(f"false finds in {figures['views']} views with targets: {figures['false']}")
     for band, clear in figures["clear_by_tilt"].items():
@@ -193,6 +199,7 @@ def _claims(args: argparse.Namespace) -> int:
     from testfield.chain.run import resume, scene_of
     from testfield.errors import TestfieldError
     from testfield.evaluate.check import Check, table
+    from testfield.scene.shipped import find_scene
     from testfield.store.lock import only_writer
 
     if args.trials < 2:
@@ -204,7 +211,7 @@ def _claims(args: argparse.Namespace) -> int:
             check_truth(run)
             figures = over_exposures(run, args.trials, _tell)
     else:
-        scene = args.scene or Path("scenes/quick.toml")
+        scene = find_scene(args.scene or "quick")
         figures = over_worlds(_text(scene), scene, args.trials, _tell)
     if args.json:
         print(json.dumps(figures))

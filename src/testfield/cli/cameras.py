@@ -4,8 +4,8 @@ from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
-from testfield.chain.measure import Taken
 from testfield.errors import TestfieldError, nearest
+from testfield.measure.photographs import Taken
 from testfield.targets.camera_sheet import CameraSheet, RigSheet
 from testfield.targets.field_file import FieldFile
 

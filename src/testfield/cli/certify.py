@@ -14,7 +14,7 @@ def add(commands: Any) -> None:
     )  # fmt: skip
     p.add_argument("--quick", action="store_true", help="fewer and smaller measurements, in about a minute")
     p.add_argument(
-        "--scene", type=Path, default=Path("scenes/quick.toml"), metavar="SCENE", help="whose light is judged"
+        "--scene", type=Path, default=Path("quick"), metavar="SCENE", help="whose light is judged (default: quick)"
     )
     p.add_argument("--out", type=Path, default=Path("renders"), metavar="FOLDER", help="where the certificate goes")
     p.add_argument("--json", action="store_true", help="print the certificate as one JSON object")
@@ -28,19 +28,22 @@ def act(args: argparse.Namespace) -> int:
 
     from testfield.certify.certificate import certify, write_certificate
     from testfield.certify.verdict import Verdict
+    from testfield.cli.colour import judged
+    from testfield.scene.shipped import find_scene
     from testfield.store.lock import only_writer
 
     def tell(verdict: Verdict) -> None:
-        mark = "pass" if verdict.passed else "FAIL"
+        say = sys.stderr if args.json else sys.stdout
+        mark = judged(verdict.passed, "pass" if verdict.passed else "FAIL", say)
         figure = f"{verdict.measured:.3g} (limit {verdict.limit:.3g} {verdict.unit})"
         print(
             f"{mark}  {verdict.part:<9} {verdict.name:<58} {figure}",
-            file=sys.stderr if args.json else sys.stdout,
+            file=say,
             flush=True,
         )
 
     with only_writer(args.out):
-        certificate = certify(args.scene, args.quick, tell)
+        certificate = certify(find_scene(args.scene), args.quick, tell)
         write_certificate(certificate, args.out)
     if args.json:
         print(json.dumps(certificate))

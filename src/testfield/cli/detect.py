@@ -8,7 +8,7 @@ from typing import Any
 from testfield.store.text import read_text
 
 OF_RUNS = ("jobs",)
-OF_PHOTOGRAPHS = ("radii", "polarity", "bayer", "smallest_px", "out", "json")
+OF_PHOTOGRAPHS = ("radii", "polarity", "bayer", "smallest_px", "out")
 OF_KINDS = {
     ("radii",): ("ring",),
     ("polarity",): ("ring", "circles"),
@@ -131,7 +131,7 @@ def _photographs(args: argparse.Namespace) -> int:
         write_found(photographs, found, out)
         print(f"pictures and tables in {out}", file=say)
         if args.json:
-            print(json.dumps({"images": json.loads(read_text(out / "detection.json")), "unreadable": trouble}))
+            print(json.dumps(json.loads(read_text(out / "detection.json")) | {"unreadable": trouble}))
     return 2 if trouble else 0
 
 

@@ -1,28 +1,60 @@
-"""`testfield list`: the algorithms, by stage, and the sensors that have presets."""
+"""`testfield list [WHAT]`: what can be chosen by name: scenes, algorithms, sensors."""
 
 import argparse
 from typing import Any
 
+KINDS = ("scenes", "centroids", "calibrators", "reconstructors", "lenses", "sensors")
+
 
 def add(commands: Any) -> None:
     """Enter the command."""
-    p = commands.add_parser("list", help="the algorithms that can be chosen, by stage", description=__doc__)
+    p = commands.add_parser(
+        "list", help="scenes that come along, algorithms by stage, sensors: what is chosen by name", description=__doc__
+    )
+    p.add_argument("what", nargs="?", choices=KINDS, metavar="WHAT", help=f"one of {', '.join(KINDS)} (default: all)")
+    p.add_argument("--json", action="store_true", help="print one JSON object")
     p.set_defaults(act=act)
 
 
 def act(args: argparse.Namespace) -> int:
     """Print name and first sentence of each."""
-    from testfield.registry import KINDS, find, names
-    from testfield.sensor.presets import presets
+    import json
 
-    for stage in KINDS:
-        print(stage)
-        for name in names(stage):
-            text = (find(stage, name).__doc__ or "").strip().split("\n")[0]
-            print(f"  {name:<16} {text}")
-    print("sensors (sensor.preset)")
-    for name, figures in presets().items():
-        doubt = "" if figures["verified"] else " (not verified)"
-        print(f"  {name:<16} {figures['description']}{doubt}")
-        print(f"  {'':<16} {figures['source']}")
+    found = {kind: _rows(kind) for kind in ([args.what] if args.what else KINDS)}
+    if args.json:
+        print(json.dumps(found))
+        return 0
+    for kind, rows in found.items():
+        print("sensors (sensor.preset)" if kind == "sensors" else kind)
+        width = max(16, *(len(name) for name in rows))
+        for name, row in rows.items():
+            print(f"  {name:<{width}} {row['what']}")
+            if "source" in row:
+                print(f"  {'':<{width}} {row['source']}")
     return 0
+
+
+def _rows(kind: str) -> dict[str, dict[str, str]]:
+    if kind == "scenes":
+        return _scenes()
+    if kind == "sensors":
+        from testfield.sensor.presets import presets
+
+        doubt = {True: "", False: " (not verified)"}
+        return {
+            name: {"what": one["description"] + doubt[one["verified"]], "source": one["source"]}
+            for name, one in presets().items()
+        }
+    from testfield.registry import find, names
+
+    return {name: {"what": (find(kind, name).__doc__ or "").strip().split("\n")[0]} for name in names(kind)}
+
+
+def _scenes() -> dict[str, dict[str, str]]:
+    import tomllib
+
+    from testfield.scene.shipped import shipped_scenes
+    from testfield.store.text import read_text
+
+    said = {name: tomllib.loads(read_text(path)).get("description", "") for name, path in shipped_scenes().items()}
+    return {name: {"what": text.partition("; ")[0]} for name, text in said.items()}

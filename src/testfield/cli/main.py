@@ -3,36 +3,91 @@
 import argparse
 import os
 import sys
+import textwrap
 from importlib import import_module
+from typing import Any
 
-from testfield.errors import TestfieldError
+from testfield import __version__
+from testfield.errors import TestfieldError, faults_in
 from testfield.store.disk import spoken
 from testfield.store.text import speak_in_any_locale
 
-COMMANDS = (
+MODULES = (
     "run", "stage", "detect", "measure", "uncertainty", "accept", "study", "validate", "preview", "certify", "bench",
-    "codes", "list", "schema",
+    "codes", "list", "schema", "completion",
 )  # fmt: skip
+"""Modules of this package, each of which enters one command or more."""
+
+GROUPS = {
+    "scenes": ("validate", "preview", "run"),
+    "what a run holds": ("accept", "uncertainty"),
+    "one stage of a run": ("render", "expose", "detect", "calibrate", "reconstruct", "score", "report"),
+    "photographs": ("measure", "codes"),
+    "the program itself": ("certify", "bench", "study"),
+    "to look up": ("list", "schema", "completion"),
+}
+"""Commands in the order in which they are shown."""
+
+DESCRIPTION = (
+    "A rendered test field for vision metrology: a scene becomes images, measured and scored against the truth."
+)
 
 
-def parser() -> argparse.ArgumentParser:
+class Overview(argparse.ArgumentParser):
+    """The parser of the command itself, which shows all commands in groups."""
+
+    def __init__(self) -> None:
+        super().__init__(prog="testfield", description=DESCRIPTION)
+        self.add_argument("--version", action="version", version=f"testfield {__version__}")
+        self.commands = Commands(
+            self.add_subparsers(dest="command", metavar="COMMAND", parser_class=argparse.ArgumentParser)
+        )
+
+    def format_help(self) -> str:
+        """Usage, commands by group, and options."""
+        grouped = {name for names in GROUPS.values() for name in names}
+        others = tuple(name for name in self.commands.help if name not in grouped)
+        lines = [self.format_usage(), DESCRIPTION]
+        for group, names in (GROUPS | ({"more": others} if others else {})).items():
+            lines += ["", f"{group}:"]
+            for name in names:
+                what = textwrap.wrap(self.commands.help[name], 94)
+                lines += [f"  {name:<13} {what[0]}", *(f"{'':<16}{more}" for more in what[1:])]
+        lines += ["", "testfield COMMAND --help shows the options of a command, testfield --version the version.", ""]
+        return "\n".join(lines)
+
+
+class Commands:
+    """Where modules enter their commands; remembers what each is for."""
+
+    def __init__(self, action: Any) -> None:
+        self.action = action
+        self.help: dict[str, str] = {}
+
+    def add_parser(self, name: str, *, help: str, **options: Any) -> argparse.ArgumentParser:
+        """A parser for the command of that name."""
+        self.help[name] = help
+        added: argparse.ArgumentParser = self.action.add_parser(name, help=help, **options)
+        return added
+
+
+def parser() -> Overview:
     """The parser with all commands."""
-    top = argparse.ArgumentParser(
-        prog="testfield",
-        description="A rendered test field for vision metrology: "
-        "from a scene file to images, measured and scored against the truth.",
-    )
-    commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for name in COMMANDS:
-        import_module(f"testfield.cli.{name}").add(commands)
+    top = Overview()
+    for name in MODULES:
+        import_module(f"testfield.cli.{name}").add(top.commands)
     return top
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run one command; the exit status is 0, 1 for a verdict that fails, 2 for something the user can mend, 130 where
-    interrupted."""
+    interrupted. Without a command, all of them are shown."""
     speak_in_any_locale()
-    args = parser().parse_args(arguments)
+    top = parser()
+    args = top.parse_args(arguments)
+    if args.command is None:
+        top.print_help()
+        return 0
     try:
         status = args.act(args)
         sys.stdout.flush()
@@ -61,7 +116,8 @@ def _refused(error: TestfieldError) -> int:
         sys.stdout.flush()
     except OSError:
         _silence()
-    print(f"testfield: {' '.join(error.sentence().split())}", file=sys.stderr)
+    for k, fault in enumerate(faults_in(error)):
+        print(f"{'' if k else 'testfield: '}{' '.join(fault.sentence().split())}", file=sys.stderr)
     return 2
 
 

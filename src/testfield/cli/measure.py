@@ -59,17 +59,19 @@ def _measure(args: argparse.Namespace) -> int:
     from testfield.camera.interior import check_held
     from testfield.camera.mosaic import ORDERS
     from testfield.camera.photograph import read_photograph
-    from testfield.chain.measure import measure
     from testfield.cli.cameras import owners_of, taken_of
     from testfield.cli.detect import _images, refuse_over
     from testfield.cli.show import status_of
     from testfield.detect.photograph import AUTO, ON_BLACK, ON_WHITE, detect_in_photograph
     from testfield.detect.target_spec import parse_target
     from testfield.errors import TestfieldError
+    from testfield.measure.photographs import measure
     from testfield.report.measured import write_measurement
     from testfield.report.photograph import draw_found
+    from testfield.scene.shipped import find_field
     from testfield.targets.field_file import load_field_file
 
+    args.field = find_field(args.field)
     field = load_field_file(args.field)
     target = parse_target(field.target.kind, f"{args.field}, target.kind")
     if target.kind not in ("ring", "circles"):

@@ -12,7 +12,7 @@ def add(commands: Any) -> None:
         help="plan, elevation and one quick view of a scene, as PNG, in seconds",
         description=__doc__,
     )
-    p.add_argument("scene", type=Path, metavar="SCENE", help="a scene file (TOML)")
+    p.add_argument("scene", type=Path, metavar="SCENE", help="a scene file (TOML), or the name of one that comes along")
     p.add_argument("--station", metavar="NAME", help="whose view (default: the first)")
     p.add_argument("--out", type=Path, metavar="FILE", help="the picture (default: renders/<scene's name>-preview.png)")
     p.set_defaults(act=act)
@@ -20,18 +20,19 @@ def add(commands: Any) -> None:
 
 def act(args: argparse.Namespace) -> int:
     """Check the scene and draw it."""
-    from testfield.chain.run import Run, check_algorithms
+    from testfield.chain.run import Run, examined
     from testfield.cli.show import show_warnings
     from testfield.errors import TestfieldError
     from testfield.render.quick import quick_view
     from testfield.report.preview import draw_preview
     from testfield.scene.load import load_scene
+    from testfield.scene.shipped import find_scene
     from testfield.store.atomic import whole
     from testfield.store.ledger import Ledger
 
-    run = Run(Path(), load_scene(args.scene), str(args.scene), Ledger(Path("/nonexistent")))
-    check_algorithms(run.scene, str(args.scene))
-    show_warnings(run.truth.check(str(args.scene)))
+    path = find_scene(args.scene)
+    run = Run(Path(), load_scene(path), str(path), Ledger(Path("/nonexistent")))
+    show_warnings(examined(run, path.read_bytes()))
     name = args.station or run.stations[0]
     if name not in run.stations:
         raise TestfieldError(f"no station is called '{name}'", "--station", f"choose one of {', '.join(run.stations)}")
@@ -40,7 +41,7 @@ def act(args: argparse.Namespace) -> int:
         raise TestfieldError(f"'{out}' does not end in .png", "--out", "the preview is a PNG")
     world, station = next((world, k) for _, world, k, image in run.truth.images() if image == name)
     view = quick_view(world, station)
-    with whole(out) as path:
-        draw_preview(run.world, view, name, path)
+    with whole(out) as part:
+        draw_preview(run.world, view, name, part)
     print(out)
     return 0

@@ -3,15 +3,17 @@
 import argparse
 import json
 import sys
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
+from testfield.cli.colour import bad, caution, judged
 from testfield.errors import TestfieldError
 
 
 def show_warnings(warnings: list[str]) -> None:
     """Warnings go to standard error, so that standard output stays parseable."""
     for warning in warnings:
-        print(f"warning: {warning}", file=sys.stderr)
+        print(f"{caution('warning:', sys.stderr)} {warning}", file=sys.stderr)
 
 
 def failures_in(path: Path) -> list[str]:
@@ -38,7 +40,7 @@ def add_strict(parser: argparse.ArgumentParser) -> None:
 def status_of(failures: list[str], strict: bool) -> int:
     """Say what failed, on standard error; the exit status."""
     for failure in failures:
-        print(f"failed: {failure}", file=sys.stderr)
+        print(f"{bad('failed:', sys.stderr)} {failure}", file=sys.stderr)
     return 1 if failures and strict else 0
 
 
@@ -49,9 +51,28 @@ def jobs_of(asked: int) -> int:
     return asked
 
 
+def seed_of_option(option: str, seed: int | None) -> int | None:
+    """A seed as given. Raises `TestfieldError` where it is negative."""
+    if seed is not None and seed < 0:
+        raise TestfieldError(f"value {seed} is negative", option, "give 0 or more")
+    return seed
+
+
+SILENT = ("calibrate", "reconstruct", "score")
+"""Stages that are one step, and show no progress of their own."""
+
+
+def watched(stage: str) -> AbstractContextManager[None]:
+    """Lines that a stage goes on, where it takes long and shows no progress of its own."""
+    from testfield.chain.progress import step
+
+    return step(stage) if stage in SILENT else nullcontext()
+
+
 def show_result(folder: Path, as_json: bool) -> None:
     """The ten figures and where the report is, or the scorecard as one JSON object."""
-    from testfield.score.scorecard import FORMAT, load_scorecard, ten_figures
+    from testfield.score.scorecard import load_scorecard, ten_figures
+    from testfield.store.sheets import FORMAT
 
     card = load_scorecard(folder / "scorecard.json")
     if as_json:
@@ -60,7 +81,8 @@ def show_result(folder: Path, as_json: bool) -> None:
     rows = ten_figures(card)
     width = max(len(title) for title, _ in rows)
     failures = failures_in(folder / "scorecard.json")
-    rows.append(("verdict", f"NOT passed: {len(failures)} failure(s)" if failures else "no failure"))
+    said = f"NOT passed: {len(failures)} failure(s)" if failures else "no failure"
+    rows.append(("verdict", judged(not failures, said)))
     print()
     for title, value in rows:
         print(f"  {title:<{width}}  {value}")

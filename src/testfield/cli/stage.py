@@ -39,6 +39,7 @@ def add(commands: Any) -> None:
             metavar="N",
             help="processes at once (default: one a core)",
         )
+        p.add_argument("--json", action="store_true", help="print one JSON object")
         if name in JUDGED:
             add_strict(p)
         p.set_defaults(act=act, stage=name, strict=False)
@@ -48,7 +49,7 @@ def act(args: argparse.Namespace) -> int:
     """Run the stage, unless what it would make is there already."""
     from testfield.chain.run import resume, scene_of
     from testfield.chain.stages import remarks, run_stage
-    from testfield.cli.show import failures_in, jobs_of, show_result, show_warnings, status_of
+    from testfield.cli.show import failures_in, jobs_of, show_result, show_warnings, status_of, watched
     from testfield.store.atomic import sweep
     from testfield.store.lock import only_writer
 
@@ -56,11 +57,30 @@ def act(args: argparse.Namespace) -> int:
     with only_writer(args.run):
         sweep(args.run)
         run = resume(args.run, jobs_of(args.jobs))
-        made = run_stage(run, args.stage)
-        show_warnings(remarks(run))
-    print(f"{args.stage}: {'done' if made else 'nothing to do, all is up to date'} ({args.run})")
-    if args.stage == "score":
-        show_result(args.run, as_json=False)
+        with watched(args.stage):
+            made = run_stage(run, args.stage)
+        warnings = remarks(run)
+        show_warnings(warnings)
+    if args.json:
+        _print_json(args, made, warnings)
+    else:
+        print(f"{args.stage}: {'done' if made else 'nothing to do, all is up to date'} ({args.run})")
+        if args.stage == "score":
+            show_result(args.run, as_json=False)
     if args.stage in JUDGED:
         return status_of(failures_in(args.run / JUDGED[args.stage]), args.strict)
     return 0
+
+
+def _print_json(args: argparse.Namespace, made: bool, warnings: list[str]) -> None:
+    """The scorecard where that is what the stage makes; otherwise whether it made anything, and what failed."""
+    import json
+
+    from testfield.cli.show import failures_in, show_result
+
+    if args.stage == "score":
+        show_result(args.run, as_json=True)
+        return
+    failures = failures_in(args.run / JUDGED[args.stage]) if args.stage in JUDGED else []
+    said = {"stage": args.stage, "run": str(args.run), "made": made, "warnings": warnings, "failures": failures}
+    print(json.dumps(said))

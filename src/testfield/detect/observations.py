@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from testfield.detect.observation_table import MEASURED, read_table
+from testfield.store.sheets import FORMAT
 from testfield.targets.field import Field, code_at
 
 __all__ = ["MEASURED", "READ", "Observations"]
@@ -113,7 +114,8 @@ class Observations:
                 "status": self.status.astype(str),
             }
         )  # fmt: skip
-        notes = {"stations": "\n".join(self.stations), "centre_of_disc": str(self.centre_of_disc)}
+        notes = {"format": str(FORMAT), "stations": "\n".join(self.stations)}
+        notes |= {"centre_of_disc": str(self.centre_of_disc)}
         for name, values in (("cameras", self.cameras), ("places", self.places), ("times", self.times)):
             notes |= {name: "\n".join(map(str, values))} if values else {}
         pq.write_table(table.replace_schema_metadata(notes), path)

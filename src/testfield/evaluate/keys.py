@@ -24,7 +24,8 @@ def case_key(case: Case) -> str:
     Of the algorithms that are found by name at run time those count that the case or any code on its way names. A name
     that is put together at run time is not seen.
     """
-    code = code_digest(*_modules(case.work.partition(":")[0], frozenset(_texts(case))), without=NO_ROOMS)
+    named = frozenset(_texts(case) & announced().keys())
+    code = code_digest(*_modules(case.work.partition(":")[0], named), without=NO_ROOMS)
     device = os.environ.get("TESTFIELD_VARIANT", "") + os.environ.get("TESTFIELD_LLVM_TARGET", "")
     outside = (device, package_version("pycolmap"))
     measured = [case.noise_seed, case.recipe] if case.noise_seed is not None or case.recipe is not None else []

@@ -21,6 +21,7 @@ from testfield.render.mesh_light import MeshLight, compute_mesh_light
 from testfield.render.stage import Stage
 from testfield.render.variant import mitsuba
 from testfield.scene.world import TrueMesh
+from testfield.store.sheets import FORMAT
 
 PATHS_A_PASS = 1 << 21
 MESH_SEEDS = 1 << 20
@@ -54,7 +55,7 @@ class Irradiance:
         with path.open("wb") as file:
             np.savez(
                 file, shape=self.shape, values=self.values, tile_shape=d.tile_shape, nodes=d.nodes, direct=d.values,
-                mesh_cells=m.cells, meshes=m.values,
+                mesh_cells=m.cells, meshes=m.values, format=FORMAT,
             )  # fmt: skip
 
     @staticmethod

@@ -16,34 +16,32 @@ from testfield.score.points import PointScore
 PICTURE_WIDTH = 1240
 
 
-def detections(frame: Frame, observations: Observations) -> bytes:
-    """A frame with what detection found drawn in: plain dots, codes with their numbers, and what was turned down."""
-    image = frame.pixels_dn.astype(np.float64) - frame.sheet.black_level_dn
-    grey = (255 * shown(image)).astype(np.uint8)
-    scale = max(1.0, PICTURE_WIDTH / grey.shape[1])
-    colour = cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)
+def detections(frame: Frame, observations: Observations, width_px: int = PICTURE_WIDTH) -> bytes:
+    """A frame of `width_px` at most, as JPEG, with what detection found drawn in: plain dots, codes with their numbers,
+    and what was turned down."""
+    image: np.ndarray = frame.pixels_dn.astype(np.float32) - frame.sheet.black_level_dn
+    scale = min(1.0, width_px / image.shape[1])
+    if scale < 1:
+        image = np.asarray(cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.float32)
+    colour = cv2.cvtColor((255 * shown(image)).astype(np.uint8), cv2.COLOR_GRAY2BGR)
     station = observations.stations.index(frame.station)
     for row in np.flatnonzero(observations.station == station):
-        x, y = observations.xy_px[row]
+        x, y = scale * (observations.xy_px[row] + 0.5) - 0.5
         if observations.status[row] != MEASURED:
             if observations.status[row] == "partly hidden or disturbed":
                 cv2.drawMarker(colour, (round(x), round(y)), (60, 60, 230), cv2.MARKER_TILTED_CROSS, 16, 2, cv2.LINE_AA)
             continue
         values, vectors = np.linalg.eigh(observations.moments_px2[row])
-        axes = 2 * np.sqrt(values[::-1])
+        axes = 2 * scale * np.sqrt(values[::-1])
         angle = np.degrees(np.arctan2(vectors[1, 1], vectors[0, 1]))
         code = int(observations.code[row])
         tint = (40, 160, 240) if code else ((210, 150, 30) if observations.board[row] >= 0 else (160, 160, 160))
         cv2.ellipse(colour, ((float(x), float(y)), (2 * axes[0] + 7, 2 * axes[1] + 7), angle), tint, 2, cv2.LINE_AA)
         if code:
             place = (round(x + 3.2 * axes[0]), round(y - 1.5 * axes[0]))
-            cv2.putText(colour, str(code), place, cv2.FONT_HERSHEY_SIMPLEX, 0.75, tint, 2, cv2.LINE_AA)
-    size = (
-        round(colour.shape[1] * min(1.0, PICTURE_WIDTH / grey.shape[1])),
-        round(colour.shape[0] * min(1.0, PICTURE_WIDTH / grey.shape[1])),
-    )
-    small = cv2.resize(colour, size, interpolation=cv2.INTER_AREA) if scale == 1.0 else colour
-    return cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, 88])[1].tobytes()
+            size = 0.75 if scale == 1 else 0.5
+            cv2.putText(colour, str(code), place, cv2.FONT_HERSHEY_SIMPLEX, size, tint, 2, cv2.LINE_AA)
+    return cv2.imencode(".jpg", colour, [cv2.IMWRITE_JPEG_QUALITY, 88])[1].tobytes()
 
 
 def residual_map(calibration: Calibration) -> bytes:

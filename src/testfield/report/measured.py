@@ -14,12 +14,13 @@ from testfield.calibrate.calibration import AXES, Calibration
 from testfield.calibrate.one_of_several import of_camera
 from testfield.calibrate.rejections import lossy
 from testfield.calibrate.ties import point_name
-from testfield.chain.measure import Measurement
 from testfield.detect.observations import MEASURED
+from testfield.measure.photographs import Measurement
 from testfield.report import figures
 from testfield.report.pages import page
 from testfield.report.style import ACCENT, INK, WARM, figure, svg_of
 from testfield.store.atomic import whole
+from testfield.store.stamp import stamp
 from testfield.store.text import write_text
 from testfield.targets.field_file import FieldFile
 
@@ -49,7 +50,7 @@ def write_measurement(result: Measurement, field: FieldFile, folder: Path, image
             table.writerow(
                 (point_name(int(points.code[k])), *numbers, points.rays[k], f"{points.residual_rms_px[k]:.4f}")
             )
-    summary = {
+    summary = stamp() | {
         "field": field.name,
         "images": list(result.observations.stations),
         "joined": list(result.calibration.station_names),

@@ -23,6 +23,11 @@ from testfield.score.points import score_points
 from testfield.score.scorecard import load_scorecard, ten_figures
 from testfield.store.text import write_text
 
+MOST_BYTES = 6_500_000
+"""Of all pictures that one may choose: with the figures, the page stays below 8 MB."""
+WIDTHS = {1240: 12, 900: 30, 640: 80, 480: 1000}
+"""Width in px of pictures of stations, and of how many at most."""
+
 
 def write_report(
     world: World,
@@ -40,8 +45,7 @@ def write_report(
     found = score_detection(world, views, observations)
     points = score_points(world, calibration, Points.load(folder / "points.parquet"))
     name = _telling_station(observations)
-    frame = Frame.load(folder / f"frames/{name}.png", name)
-
+    others = _other_pictures(folder, name, observations)
     html = page(
         "page.html",
         scene=scene,
@@ -49,7 +53,9 @@ def write_report(
         ten=ten_figures(card),
         notes=notes,
         station=name,
-        picture=_data(figures.detections(frame, observations), "image/jpeg"),
+        picture=_picture(folder, name, observations, figures.PICTURE_WIDTH),
+        others=others,
+        stations=[other for other in observations.stations if other == name or other in others],
         plan=_inline(figures.field_plan(world, calibration, points)) if len(points.code) else None,
         centres=_inline(figures.centre_errors(found)),
         claimed=_inline(figures.claimed_against_actual(points)) if len(points.code) else None,
@@ -67,6 +73,25 @@ def write_report(
         images=_making_rows(notes.get("images", {})),
     )
     write_text(path, html)
+
+
+def _picture(folder: Path, station: str, observations: Observations, width_px: int) -> str:
+    frame = Frame.load(folder / f"frames/{station}.png", station)
+    return _data(figures.detections(frame, observations, width_px), "image/jpeg")
+
+
+def _other_pictures(folder: Path, chosen: str, observations: Observations) -> dict[str, str]:
+    """Pictures of all stations but the one that is shown first, the wider the fewer they are, so that the page stays
+    below its size; of very many only the first ones."""
+    names = [name for name in observations.stations if name != chosen and (folder / f"frames/{name}.png").is_file()]
+    width = next((w for w, most in WIDTHS.items() if len(names) <= most), min(WIDTHS))
+    pictures: dict[str, str] = {}
+    for name in names:
+        picture = _picture(folder, name, observations, width)
+        if sum(map(len, pictures.values())) + len(picture) > MOST_BYTES:
+            break
+        pictures[name] = picture
+    return pictures
 
 
 def _making_rows(images: dict[str, dict]) -> list[str]:

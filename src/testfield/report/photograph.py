@@ -12,6 +12,7 @@ from testfield.detect.observations import MEASURED, TEXTURE, Observations
 from testfield.detect.photograph import Found
 from testfield.report.style import shown
 from testfield.store.atomic import whole
+from testfield.store.stamp import stamp
 from testfield.store.text import write_text
 
 FINE, REFUSED = (80, 220, 80), (60, 60, 255)
@@ -34,7 +35,8 @@ def write_found(photographs: list[Photograph], found: list[Found], folder: Path)
     with whole(folder / "observations.parquet") as path:
         Observations.join([one.observations for one in found], names).save(path)
     with whole(folder / "detection.json") as path:
-        write_text(path, json.dumps([_summary(p, f) for p, f in zip(photographs, found, strict=True)], indent=1))
+        images = [_summary(p, f) for p, f in zip(photographs, found, strict=True)]
+        write_text(path, json.dumps(stamp() | {"images": images}, indent=1))
 
 
 def _summary(photograph: Photograph, found: Found) -> dict:

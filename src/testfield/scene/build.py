@@ -13,22 +13,16 @@ from testfield.camera.pose import Poses, rotation, rotation_vector
 from testfield.errors import TestfieldError
 from testfield.scene import generators
 from testfield.scene.bend import curvature_of, extent_mm
+from testfield.scene.board_parts import BoardPart, ExtensionZone, RecognitionZone
+from testfield.scene.camera_parts import MotionPart, TargetMotionPart
+from testfield.scene.fields import Ink
 from testfield.scene.frames import along, facing
 from testfield.scene.meshes import load_meshes
-from testfield.scene.schema import (
-    AreaLightPart,
-    BoardPart,
-    CheckOnBoard,
-    ExtensionZone,
-    Ink,
-    MotionPart,
-    PointLightPart,
-    RecognitionZone,
-    SceneFile,
-    TargetMotionPart,
-)
+from testfield.scene.room_parts import AreaLightPart, PointLightPart
+from testfield.scene.schema import SceneFile
 from testfield.scene.sky import sky_of
 from testfield.scene.stickers import stickers
+from testfield.scene.target_parts import CheckOnBoard
 from testfield.scene.world import (
     BAR,
     BOARD,

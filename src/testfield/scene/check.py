@@ -6,14 +6,17 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from testfield.camera.project import directions
-from testfield.errors import TestfieldError
+from testfield.errors import TestfieldError, gather
 from testfield.scene.bend import to_paper
 from testfield.scene.blur import blur_circles_px, streaks_px
+from testfield.scene.board_parts import BoardPart
 from testfield.scene.check_patterns import check_patterns, pattern_warnings
 from testfield.scene.exposure import check_exposure
 from testfield.scene.meshes import inside
 from testfield.scene.parts import ScenePart
-from testfield.scene.schema import BoardPart, MeasuringLinePart, MeshPart, ScaleBarPart, SceneFile, SurfacePart
+from testfield.scene.room_parts import MeshPart, SurfacePart
+from testfield.scene.schema import SceneFile
+from testfield.scene.target_parts import MeasuringLinePart, ScaleBarPart
 from testfield.scene.truth import Views
 from testfield.scene.world import World
 from testfield.targets.ring_code import code_words
@@ -46,7 +49,7 @@ def check_parts(
 
 
 def check_scene(scene: SceneFile, world: World, views: Views, source: str) -> list[str]:
-    """Warnings, one sentence each. Raises `TestfieldError` for what makes the scene impossible."""
+    """Warnings, one sentence each. Raises `TestfieldError` for all that makes the scene impossible."""
     unlit = _possible(scene, world, source, lambda: _see(world, views, source))
     blurred = _focused(scene, world, views, source)
     found = _sizes(world, views, source) + _joined(world, views, source) + unlit + blurred + _scaled(world, source)
@@ -54,20 +57,21 @@ def check_scene(scene: SceneFile, world: World, views: Views, source: str) -> li
 
 
 def _see(world: World, views: Views, source: str) -> None:
-    _stations_stand_free(world, source)
-    _stations_see(world, views, source)
+    gather(lambda: _stations_stand_free(world, source), lambda: _stations_see(world, views, source))
 
 
 def _possible(scene: SceneFile, world: World, source: str, look: Callable[[], None] = lambda: None) -> list[str]:
-    """Warnings on the light. Raises `TestfieldError` for what one camera's scene cannot be; `look` comes before."""
-    _possible_optics(scene, world, source)
-    _visible_paint(scene, source)
-    _bendable_ink(scene, source)
-    _unique_names(scene, source)
-    _codes_exist_and_differ(scene, world, source)
-    check_patterns(scene, world, source)
-    _marks_fit(scene, world, source)
-    look()
+    """Warnings on the light. Raises `TestfieldError` for all that one camera's scene cannot be; `look` comes before."""
+    gather(
+        lambda: _possible_optics(scene, world, source),
+        lambda: _visible_paint(scene, source),
+        lambda: _bendable_ink(scene, source),
+        lambda: _unique_names(scene, source),
+        lambda: _codes_exist_and_differ(scene, world, source),
+        lambda: check_patterns(scene, world, source),
+        lambda: _marks_fit(scene, world, source),
+        look,
+    )
     return _lit(scene, source) + check_exposure(scene, world, source)
 
 

@@ -5,14 +5,8 @@ import numpy as np
 from testfield.camera.pose import rotation
 from testfield.errors import TestfieldError
 from testfield.scene.frames import camera_looking, unit
-from testfield.scene.schema import (
+from testfield.scene.station_parts import (
     Aimed,
-    CheckGrid,
-    CheckOnBoard,
-    CheckOnMesh,
-    CheckPart,
-    CheckRandom,
-    MeasuringLinePart,
     StationArc,
     StationGrid,
     StationPart,
@@ -20,6 +14,7 @@ from testfield.scene.schema import (
     StationRandom,
     StationSingle,
 )
+from testfield.scene.target_parts import CheckGrid, CheckOnBoard, CheckOnMesh, CheckPart, CheckRandom, MeasuringLinePart
 from testfield.seeds import Plane, generator, normals
 from testfield.targets.field import MeasuringLine
 

@@ -1,40 +1,28 @@
 """Read a scene file. Every complaint names the file, the field and the value."""
 
-import difflib
-import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
-from pydantic import BaseModel, ValidationError
+from pydantic import ValidationError
 
-from testfield.errors import TestfieldError
+from testfield.errors import Faults, TestfieldError, faults_in
 from testfield.scene.schema import SceneFile
 from testfield.scene.sizes import check_sizes
+from testfield.store.faults import faults_of
+from testfield.store.text import decoded
 from testfield.store.toml import parse_toml, read_toml
+from testfield.store.toml_lines import Lines, Location
 
-UNITS = ("mm", "um", "px", "deg", "ms", "dn", "e", "ppm", "m", "cm", "rad", "s", "nm")
-
-BRANCHES = (
-    "single",
-    "pose",
-    "arc",
-    "ring",
-    "grid",
-    "random",
-    "on_board",
-    "on_mesh",
-    "area",
-    "point",
-    "gradient",
-    "map",
-)
-"""Kinds of stations, targets and lights, which pydantic writes into the places of errors."""
+SEE = "see `testfield schema`"
 
 
 def load_scene(path: Path) -> SceneFile:
     """The scene in a TOML file.
 
-    Raises `TestfieldError` where the file is missing, is not TOML, or a field is unknown, absent or out of range.
+    Raises `TestfieldError` where the file is missing, is not TOML, or fields are unknown, absent or out of range: all
+    of them, with their lines.
     """
     return parse_scene(read_toml(path, "scene file"), str(path), path.parent)
 
@@ -55,72 +43,47 @@ def parse_scene(text: str | bytes, source: str, folder: Path = Path()) -> SceneF
     try:
         scene = SceneFile.model_validate(data).in_folder(folder)
     except ValidationError as error:
-        raise _speak(error, source) from error
-    check_sizes(scene, source)
+        raise faults_of(error, SceneFile, data, _text(text), source, SEE) from error
+    with numbered(text, source):
+        check_sizes(scene, source)
     return scene
+
+
+@contextmanager
+def numbered(content: str | bytes, source: str) -> Iterator[None]:
+    """Add lines to what is raised within: `source, boards[2].size_mm` becomes `source:14, boards[2].size_mm`."""
+    try:
+        yield
+    except TestfieldError as error:
+        lines, data = Lines(_text(content)), parse_toml(content, source)
+        faults = [_numbered(fault, lines, data, source) for fault in faults_in(error)]
+        raise (faults[0] if len(faults) == 1 else Faults(faults)) from error
+
+
+def _numbered(fault: TestfieldError, lines: Lines, data: dict[str, Any], source: str) -> TestfieldError:
+    head = f"{source}, "
+    if not fault.where.startswith(head):
+        return fault
+    place = fault.where.removeprefix(head)
+    line = lines.of_place(place) or lines.at(_named(place, data))
+    return fault if line is None else TestfieldError(fault.what, f"{source}:{line}, {place}", fault.do)
+
+
+def _named(place: str, data: dict[str, Any]) -> Location:
+    """Where the board, bar or station is listed that a place begins with by its name, as in `control bar and A`."""
+    for key, listed in data.items():
+        for k, entry in enumerate(listed if isinstance(listed, list) else ()):
+            name = entry.get("name") if isinstance(entry, dict) else None
+            if name and (place == name or place.startswith((f"{name} and ", f"{name}, "))):
+                return (key, k)
+    return ()
+
+
+def _text(content: str | bytes) -> str:
+    return content if isinstance(content, str) else decoded(content)
 
 
 def scene_schema() -> dict[str, Any]:
     """The JSON Schema of scene files, for editors."""
     schema = SceneFile.model_json_schema()
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "testfield scene", **schema}
-
-
-def _speak(error: ValidationError, source: str) -> TestfieldError:
-    # A misspelt field is also a missing one; the misspelling is what helps.
-    first, *rest = sorted(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
-    place = _place(first["loc"])
-    value = json.dumps(first["input"], default=str)
-    value = value if len(value) <= 60 else value[:57] + "..."
-    more = f" (and {len(rest)} more)" if rest else ""
-    if first["type"] == "extra_forbidden":
-        known = _known_fields(first["loc"])
-        name = str(first["loc"][-1])
-        return TestfieldError(f"unknown field (value {value}){more}", f"{source}, {place}", _advice(name, known))
-    if first["type"] == "missing":
-        others = [_place(e["loc"]) for e in rest if e["type"] == "missing"]
-        also = f" (and so are {', '.join(others)})" if others else ""
-        return TestfieldError(f"this field is required{also}", f"{source}, {place}", "add it")
-    message = first["msg"].removeprefix("Value error, ")
-    message = message[0].lower() + message[1:].replace("valid tuple", "list in brackets")
-    return TestfieldError(f"value {value}: {message}{more}", f"{source}, {place}", "see `testfield schema`")
-
-
-def _place(location: tuple) -> str:
-    """`boards[2].size_mm` from pydantic's location, without the union's branch names."""
-    text = ""
-    for key, before in zip(location, (None, *location), strict=False):
-        if isinstance(key, int):
-            text += f"[{key}]"
-        elif not (isinstance(before, int) and key in BRANCHES) and not (before == "environment" and key in BRANCHES):
-            text += f".{key}" if text else str(key)
-    return text
-
-
-def _known_fields(location: tuple) -> list[str]:
-    """Names that are allowed where an unknown field stands."""
-    models: list[type[BaseModel]] = [SceneFile]
-    for key in location[:-1]:
-        if isinstance(key, int):
-            continue
-        inside = [_models(m.model_fields[key].annotation) for m in models if key in m.model_fields]
-        found = [m for part in inside for m in part]
-        kind = [m for m in models if key in str(m.model_fields.get("generator", m.model_fields.get("kind", "")))]
-        models = found or kind or models
-    return sorted({name for model in models for name in model.model_fields})
-
-
-def _models(annotation: Any) -> list[type[BaseModel]]:
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return [annotation]
-    return [model for part in get_args(annotation) for model in _models(part)]
-
-
-def _advice(name: str, known: list[str]) -> str:
-    stem, _, unit = name.rpartition("_")
-    if unit in UNITS:
-        same = [other for other in known if other.rpartition("_")[0] == stem]
-        if same:
-            return f"give it in the unit of '{same[0]}'"
-    near = difflib.get_close_matches(name, known, n=1)
-    return f"did you mean '{near[0]}'?" if near else f"known here: {', '.join(known)}"

@@ -8,7 +8,8 @@ from testfield.errors import TestfieldError
 from testfield.scene.bodies import facing_outwards, solid_angles
 from testfield.scene.mesh_files import check_mesh_file
 from testfield.scene.named_files import named_file
-from testfield.scene.schema import MeshPart, SceneFile
+from testfield.scene.room_parts import MeshPart
+from testfield.scene.schema import SceneFile
 from testfield.scene.world import TrueMesh
 
 MM = {"um": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4, "ft": 304.8}

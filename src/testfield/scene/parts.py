@@ -11,7 +11,9 @@ import numpy as np
 from testfield.camera.pose import Poses, rotation, rotation_vector
 from testfield.errors import TestfieldError, nearest
 from testfield.scene import generators
-from testfield.scene.schema import CameraPart, RigPart, SceneFile, StationPose
+from testfield.scene.camera_parts import CameraPart, RigPart
+from testfield.scene.schema import SceneFile
+from testfield.scene.station_parts import StationPose
 from testfield.seeds import normals, seed_of
 from testfield.targets.camera_sheet import DEFAULT_CAMERA, CameraSheet, RelativePose, RigSheet
 from testfield.targets.field import Field

@@ -3,18 +3,10 @@
 from math import prod
 
 from testfield.errors import TestfieldError
-from testfield.scene.schema import (
-    BoardPart,
-    CheckGrid,
-    CheckOnMesh,
-    CheckPart,
-    CheckRandom,
-    SceneFile,
-    StationGrid,
-    StationPart,
-    StationPose,
-    StationSingle,
-)
+from testfield.scene.board_parts import BoardPart
+from testfield.scene.schema import SceneFile
+from testfield.scene.station_parts import StationGrid, StationPart, StationPose, StationSingle
+from testfield.scene.target_parts import CheckGrid, CheckOnMesh, CheckPart, CheckRandom
 
 MOST_PIXELS = 200_000_000
 MOST_STATIONS = 10_000

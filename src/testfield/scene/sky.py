@@ -6,7 +6,7 @@ import numpy as np
 
 from testfield.errors import TestfieldError
 from testfield.scene.named_files import named_file
-from testfield.scene.schema import GradientPart, MapPart
+from testfield.scene.room_parts import GradientPart, MapPart
 from testfield.scene.world import Sky
 
 GRADIENT_ROWS, GRADIENT_COLUMNS = 257, 8

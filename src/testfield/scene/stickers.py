@@ -4,8 +4,8 @@ import numpy as np
 
 from testfield.errors import TestfieldError
 from testfield.scene.frames import facing, unit
-from testfield.scene.schema import CheckOnMesh, CheckPart
 from testfield.scene.sight import heights
+from testfield.scene.target_parts import CheckOnMesh, CheckPart
 from testfield.scene.world import TrueMesh
 from testfield.seeds import generator
 

@@ -10,7 +10,8 @@ from scipy.stats import chi2, norm
 from testfield.calibrate.calibration import Calibration
 from testfield.errors import TestfieldError
 from testfield.reconstruct.points import Points
-from testfield.scene.schema import CheckGrid, SceneFile
+from testfield.scene.schema import SceneFile
+from testfield.scene.target_parts import CheckGrid
 from testfield.scene.world import CHECK, World
 from testfield.score.align import aligned_covariance, rigid_basis
 from testfield.score.flatness import flatness, form_error, in_a_row

@@ -12,14 +12,15 @@ from testfield.calibrate.rejections import failed_checks
 from testfield.detect.observations import Observations
 from testfield.errors import speaking
 from testfield.reconstruct.points import Points
-from testfield.scene.schema import RigPart
+from testfield.scene.camera_parts import RigPart
 from testfield.scene.truth import Views
 from testfield.scene.world import World
 from testfield.score.camera import score_boards
 from testfield.score.detection import score_detection
 from testfield.score.points import score_lengths, score_points
 from testfield.score.several import score_cameras, score_rigs
-from testfield.store.sheets import FORMAT, Count, Finite, OpenSheet, checked, read_json
+from testfield.store.sheets import Count, Finite, OpenSheet, checked, read_json
+from testfield.store.stamp import stamp
 from testfield.store.text import write_text
 
 TEN = (
@@ -54,6 +55,7 @@ def scorecard(
     failures = [*camera.failures, *failed_checks(checks)]
     return {
         "scene": world.name,
+        "seed": world.seed,
         "verdict": {"passed": not failures, "failures": failures},
         "detection": score_detection(world, views, found).card(),
         "calibration": {"method": camera.method} | score_cameras(cameras or {"": world}, camera),
@@ -65,7 +67,7 @@ def scorecard(
 
 def write_scorecard(card: dict[str, Any], path: Path) -> None:
     """Write as JSON; a figure that does not exist is null."""
-    write_text(path, json.dumps({"format": FORMAT} | plain(card), indent=1, allow_nan=False))
+    write_text(path, json.dumps(stamp() | plain(card), indent=1, allow_nan=False))
 
 
 Figure = Finite | None

@@ -7,8 +7,8 @@ import numpy as np
 from testfield.calibrate.calibration import AXES, Calibration
 from testfield.calibrate.one_of_several import of_camera
 from testfield.camera.pose import rotation, rotation_vector
+from testfield.scene.camera_parts import RigPart
 from testfield.scene.parts import relative_poses
-from testfield.scene.schema import RigPart
 from testfield.scene.world import World
 from testfield.score.camera import score_camera
 

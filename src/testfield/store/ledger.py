@@ -11,7 +11,9 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from testfield.errors import TestfieldError
 from testfield.store.atomic import part_path, settle, whole
 from testfield.store.digests import file_digest
+from testfield.store.sheets import FORMAT
 from testfield.store.sound import looks_whole
+from testfield.store.stamp import stamp
 from testfield.store.text import read_text, write_text
 
 Digest = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
@@ -52,6 +54,9 @@ class Notes(BaseModel):
 class _Book(BaseModel):
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
 
+    format: Annotated[int, Field(ge=1, le=FORMAT)] = 1
+    program: str = ""
+    made: str = ""
     notes: Notes = Notes()
     files: dict[str, Entry] = {}
     coming: dict[str, list[Digest]] = {}
@@ -159,7 +164,9 @@ class Ledger:
         """Write the ledger."""
         files = {name: entry.model_dump(exclude_defaults=True) for name, entry in sorted(self.files.items())}
         with whole(self.path) as path:
-            write_text(path, json.dumps({"notes": self.notes, "files": files, "coming": self.coming}, indent=1))
+            write_text(
+                path, json.dumps(stamp() | {"notes": self.notes, "files": files, "coming": self.coming}, indent=1)
+            )
 
 
 def inside(folder: Path, path: Path) -> None:

@@ -64,7 +64,7 @@ def _within_bounds(data: Any, source: str) -> None:
                 f"a text of {len(value)} characters, and {LONGEST_TEXT} are allowed", where, "shorten it"
             )
         if isinstance(value, (int, float)) and not isinstance(value, bool):
-            most = LARGEST_SEED if key == "seed" else LARGEST
+            most = LARGEST_SEED if key in ("seed", "noise_seed") else LARGEST
             # Infinity and what is no number are left to the field, which says that it must be finite.
             if abs(value) > most and value not in (float("inf"), float("-inf")):
                 raise TestfieldError(f"value {value:.4g} is beyond {most:.4g}, the largest there is", where, "lower it")

@@ -11,6 +11,7 @@ import pandas as pd
 from testfield.errors import TestfieldError
 from testfield.score.scorecard import plain
 from testfield.store.atomic import whole
+from testfield.store.stamp import stamp
 from testfield.store.text import write_text
 from testfield.study.cases import Case
 from testfield.study.run_cases import FAILURE, finished, run_cases
@@ -86,7 +87,7 @@ def run_study(study: Study, folder: Path, quick: bool, jobs: int, so_far: bool =
         )
     findings = study.read(good)
     failures = table[table[FAILURE].notna()].to_dict("records") if FAILURE in table else []
-    summary = {
+    summary = stamp() | {
         "study": study.name, "quick": quick, "claim": study.claim, "verdict": findings.verdict,
         "sentences": findings.sentences, "figures": findings.figures,
         "cases": len(cases), "done": done, "failed": len(failures),

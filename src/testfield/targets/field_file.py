@@ -1,8 +1,6 @@
 """What a person writes of a field that was photographed: its targets, and what is certified of it (TOML)."""
 
-import json
 from collections import Counter
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, Literal
 
@@ -18,9 +16,11 @@ from pydantic import (
 )
 
 from testfield.choices import LensName
-from testfield.errors import TestfieldError
+from testfield.store.faults import faults_of
+from testfield.store.text import decoded
 from testfield.store.toml import parse_toml, read_toml
 
+SEE = "see scenes/README.md, field files"
 Triple = tuple[float, float, float]
 
 
@@ -152,35 +152,10 @@ class FieldFile(_Part):
 
 
 def load_field_file(path: Path) -> FieldFile:
-    """Read a field file. Raises `TestfieldError` that names the file, the field and the value."""
-    data = parse_toml(read_toml(path, "field file"), str(path))
+    """Read a field file. Raises `TestfieldError` that names every fault: its line, the field, the value."""
+    content = read_toml(path, "field file")
+    data = parse_toml(content, str(path))
     try:
         return FieldFile.model_validate(data)
     except ValidationError as error:
-        first, *rest = sorted(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
-        place = "".join(f"[{k}]" if isinstance(k, int) else f".{k}" for k in first["loc"]).lstrip(".") or "file"
-        value = json.dumps(first["input"], default=str)
-        value = value if len(value) <= 60 else value[:57] + "..."
-        more = f" (and {len(rest)} more)" if rest else ""
-        what = {
-            "extra_forbidden": f"unknown field (value {value})",
-            "missing": "this field is required",
-            "value_error": first["msg"].removeprefix("Value error, "),
-        }.get(first["type"], f"value {value}: {first['msg'].removeprefix('Value error, ')}")
-        raise TestfieldError(what + more, f"{path}, {place}", _advice(first)) from error
-
-
-PARTS: dict[str, type[BaseModel]] = {
-    "target": TargetPart, "boards": BoardPart, "points": PlacePart, "distances": DistancePart, "grid": GridPart,
-    "cameras": CameraPart, "rigs": RigPart,
-}  # fmt: skip
-
-
-def _advice(error: Any) -> str:
-    """What to do about an error: the field that may be meant, where one is like it."""
-    *above, name = (key for key in error["loc"] if isinstance(key, str)) if error["loc"] else ("",)
-    part: type[BaseModel] = PARTS.get(above[-1], FieldFile) if above else FieldFile
-    like = get_close_matches(str(name), part.model_fields, 1)
-    if error["type"] == "extra_forbidden" and like:
-        return f"did you mean {like[0]}?"
-    return "see scenes/README.md, field files"
+        raise faults_of(error, FieldFile, data, decoded(content), str(path), SEE) from error

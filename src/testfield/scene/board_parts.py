@@ -1,0 +1,241 @@
+"""The boards of a scene file: zones of dots and ring codes, patterns of squares, tags and circles, dirt."""
+
+import math
+from typing import Annotated, Literal
+
+from pydantic import (
+    Field,
+    PositiveInt,
+    model_validator,
+)
+
+from testfield.scene.bend import curvature_of, extent_mm
+from testfield.scene.fields import Count, Dictionary, Direction, Ink, Label, Pair, Part, PositiveFloat, Size, Vector3
+from testfield.targets.board_pattern import BoardPattern, dictionary
+
+
+class ExtensionZone(Part):
+    """A grid of plain circular dots."""
+
+    columns: Count = Field(10, description="Dots in x.")
+    rows: Count = Field(9, description="Dots in y.")
+    pitch_mm: PositiveFloat = Field(75, description="Distance of neighbouring dots.")
+    diameter_mm: PositiveFloat = Field(20, description="Diameter of each dot.")
+    centre_mm: Pair = Field(
+        (0, 0), description="Middle of the grid on the board, x right and y up from the board's middle."
+    )
+
+
+class RecognitionZone(Part):
+    """A grid of ring-coded targets with consecutive numbers, or those listed."""
+
+    columns: Count = Field(3, description="Targets in x.")
+    rows: Count = Field(4, description="Targets in y.")
+    pitch_mm: PositiveFloat = Field(150, description="Distance of neighbouring targets.")
+    diameter_mm: PositiveFloat = Field(
+        20, description="Diameter of the central dot; the ring reaches three times as far."
+    )
+    centre_mm: Pair = Field((0, 0), description="Middle of the grid on the board.")
+    first_code: PositiveInt | None = Field(
+        None, description="Number of the first target; the rest follow row by row from the top left."
+    )
+    codes: tuple[PositiveInt, ...] | None = Field(None, description="Numbers one by one instead of first_code.")
+
+
+class CharucoPart(Part):
+    """A ChArUco board: a checkerboard, black at its top left, with a tag in each white square."""
+
+    kind: Literal["charuco"] = Field(description="A checkerboard with tags.")
+    columns: int = Field(ge=2, le=100, description="Squares in x.")
+    rows: int = Field(ge=2, le=100, description="Squares in y.")
+    square_mm: PositiveFloat = Field(description="Side of a square.")
+    marker_mm: PositiveFloat = Field(description="Side of a tag, its black border included.")
+    dictionary: Dictionary = Field("DICT_4X4_50", description="OpenCV's dictionary of the tags.")
+    first_tag: int = Field(0, ge=0, description="Number of the first tag; the rest follow row by row.")
+
+    @property
+    def pattern(self) -> BoardPattern:
+        """What is printed."""
+        return BoardPattern(
+            self.kind, self.columns, self.rows, self.square_mm, self.marker_mm, self.dictionary, self.first_tag
+        )
+
+    @model_validator(mode="after")
+    def _tags(self) -> "CharucoPart":
+        if self.marker_mm >= self.square_mm:
+            raise ValueError(f"marker_mm {self.marker_mm:g} is not smaller than square_mm {self.square_mm:g}")
+        _enough_tags(self.pattern)
+        return self
+
+
+class CheckerboardPart(Part):
+    """A checkerboard, black at its top left. One of columns and rows is odd, or nobody could tell which way is up."""
+
+    kind: Literal["checkerboard"] = Field(description="Squares alone.")
+    columns: int = Field(ge=4, le=100, description="Squares in x.")
+    rows: int = Field(ge=4, le=100, description="Squares in y.")
+    square_mm: PositiveFloat = Field(description="Side of a square.")
+
+    @property
+    def pattern(self) -> BoardPattern:
+        """What is printed."""
+        return BoardPattern(self.kind, self.columns, self.rows, self.square_mm)
+
+    @model_validator(mode="after")
+    def _one_way_up(self) -> "CheckerboardPart":
+        if (self.columns + self.rows) % 2 == 0:
+            raise ValueError(
+                f"{self.columns} x {self.rows} squares look the same upside down; add a column or a row of them"
+            )
+        return self
+
+
+class TagGridPart(Part):
+    """A grid of ArUco tags or AprilTags, whose outer corners are measured."""
+
+    kind: Literal["aruco", "apriltag"] = Field(description="Tags in a grid.")
+    columns: int = Field(ge=1, le=100, description="Tags in x.")
+    rows: int = Field(ge=1, le=100, description="Tags in y.")
+    marker_mm: PositiveFloat = Field(description="Side of a tag, its black border included.")
+    gap_mm: PositiveFloat = Field(description="White between neighbouring tags.")
+    dictionary: Dictionary | None = Field(
+        None, description="OpenCV's dictionary; absent: DICT_4X4_50, for apriltag DICT_APRILTAG_36h11."
+    )
+    first_tag: int = Field(0, ge=0, description="Number of the first tag; the rest follow row by row.")
+
+    @property
+    def pattern(self) -> BoardPattern:
+        """What is printed."""
+        names = self.dictionary or ("DICT_4X4_50" if self.kind == "aruco" else "DICT_APRILTAG_36h11")
+        pitch_mm = self.marker_mm + self.gap_mm
+        return BoardPattern("tags", self.columns, self.rows, pitch_mm, self.marker_mm, names, self.first_tag)
+
+    @model_validator(mode="after")
+    def _tags(self) -> "TagGridPart":
+        april = self.pattern.names.upper().startswith("DICT_APRILTAG")
+        if april != (self.kind == "apriltag"):
+            raise ValueError(f"'{self.dictionary}' is no dictionary of {self.kind} tags")
+        _enough_tags(self.pattern)
+        return self
+
+
+class CirclesPart(Part):
+    """A symmetric grid of plain dots. It looks the same upside down, so cameras must see it more or less upright."""
+
+    kind: Literal["circles"] = Field(description="A symmetric grid of dots.")
+    columns: int = Field(ge=3, le=1000, description="Dots in x, more than rows.")
+    rows: int = Field(ge=2, le=1000, description="Dots in y.")
+    pitch_mm: PositiveFloat = Field(description="Distance of neighbouring dots.")
+    diameter_mm: PositiveFloat = Field(description="Diameter of each dot.")
+
+    @property
+    def pattern(self) -> BoardPattern:
+        """What is printed."""
+        return BoardPattern(self.kind, self.columns, self.rows, self.pitch_mm, self.diameter_mm)
+
+    @model_validator(mode="after")
+    def _longer_than_high(self) -> "CirclesPart":
+        if self.columns <= self.rows:
+            raise ValueError(f"columns ({self.columns}) must exceed rows ({self.rows}): they tell x from y")
+        return self
+
+
+class AsymmetricCirclesPart(Part):
+    """An asymmetric grid of plain dots, as OpenCV counts it: every other row is shifted by `pitch_mm`."""
+
+    kind: Literal["acircles"] = Field(description="An asymmetric grid of dots.")
+    columns: int = Field(ge=2, le=1000, description="Dots in a row.")
+    rows: int = Field(ge=3, le=1000, description="Rows, an odd number of them: of an even one nobody can tell the top.")
+    pitch_mm: PositiveFloat = Field(description="Distance of rows, and half the distance of neighbours in a row.")
+    diameter_mm: PositiveFloat = Field(description="Diameter of each dot.")
+
+    @property
+    def pattern(self) -> BoardPattern:
+        """What is printed."""
+        return BoardPattern(self.kind, self.columns, self.rows, self.pitch_mm, self.diameter_mm)
+
+    @model_validator(mode="after")
+    def _one_way_up(self) -> "AsymmetricCirclesPart":
+        if self.rows % 2 == 0:
+            raise ValueError(f"{self.rows} rows look the same upside down; give an odd number")
+        return self
+
+
+PatternPart = Annotated[
+    CharucoPart | CheckerboardPart | TagGridPart | CirclesPart | AsymmetricCirclesPart, Field(discriminator="kind")
+]
+
+
+def _enough_tags(pattern: BoardPattern) -> None:
+    there = len(dictionary(pattern.names).bytesList)
+    if len(pattern.tags) and pattern.tags[-1] >= there:
+        raise ValueError(f"tags to number {pattern.tags[-1]} are needed, and {pattern.names} ends at {there - 1}")
+
+
+class DirtPart(Part):
+    """Round spots of dirt at random places of a board, over ground and marks."""
+
+    count: Count = Field(description="How many.")
+    diameter_mm: PositiveFloat = Field(description="Diameter of each.")
+    albedo: float = Field(0.25, ge=0, le=0.95, description="Diffuse reflectance.")
+    seed: int = Field(0, ge=0, description="Another seed gives another arrangement.")
+
+
+class BoardPart(Part):
+    """A sub-board with its two zones: flat by its certificate, and in truth where `bow_mm` is 0."""
+
+    name: Label = Field(description="Unique name.")
+    size_mm: Size = Field((1100, 800), description="Width and height.")
+    thickness_mm: PositiveFloat = Field(10, description="The back lies this far behind the front.")
+    position_mm: Vector3 = Field(description="Where the middle of the front is.")
+    normal: Direction = Field((0, -1, 0), description="Direction the front faces; any length.")
+    spin_deg: float = Field(0, description="Rotation about the normal, counter-clockwise seen from the front.")
+    extension_zone: ExtensionZone = Field(ExtensionZone(), description="The plain dots.")
+    recognition_zone: RecognitionZone = Field(RecognitionZone(first_code=1), description="The coded targets.")
+    pattern: PatternPart | None = Field(
+        None, description="In the place of both zones: a board of squares, tags or circles. Squares and tags are black "
+        "on white whatever paint.white_on_black says, and their lines have no errors but the boards' common scale.",
+    )  # fmt: skip
+    ink: Ink | None = Field(None, description="Material of its ink; absent, that of paint.ink.")
+    print_sigma_mm: float = Field(
+        0.01, ge=0, le=10, description="Standard deviation of each mark's true x and y about the nominal."
+    )
+    scale_error_ppm: float = Field(
+        0, ge=-100000, le=100000,
+        description="By how much this board is printed larger than the scale all boards share; its certificate knows "
+        "nothing of it.",
+    )  # fmt: skip
+    bow_mm: float = Field(
+        0,
+        description="How far the middle stands out from the edges across the bending axis, positive towards the "
+        "viewer: the printed sheet is bent to a circular cylinder without stretching, and its certificate knows "
+        "nothing of it.",
+    )
+    bow_axis_deg: float = Field(
+        90, description="Direction of the bending axis on the board, counter-clockwise from its x; 90 is upright."
+    )
+
+    dirt: DirtPart | None = Field(None, description="Spots of dirt; absent for a clean board.")
+
+    @model_validator(mode="after")
+    def _bendable(self) -> "BoardPart":
+        curvature_of(self.bow_mm, extent_mm(self.size_mm, math.radians(self.bow_axis_deg)))
+        return self
+
+    @model_validator(mode="after")
+    def _one_print(self) -> "BoardPart":
+        if self.pattern is None:
+            return self
+        zones = sorted(self.model_fields_set & {"extension_zone", "recognition_zone"})
+        if zones:
+            raise ValueError(f"a board with a pattern has no {' or '.join(zones)}")
+        printed = self.pattern.pattern
+        if not printed.has_corners:
+            return self
+        if self.bow_mm:
+            raise ValueError(f"a board of squares or tags ({self.pattern.kind}) is flat; set bow_mm to 0")
+        if "print_sigma_mm" in self.model_fields_set and self.print_sigma_mm:
+            raise ValueError(
+                f"the lines of a {self.pattern.kind} board are printed in one piece; leave out print_sigma_mm"
+            )
+        return self
