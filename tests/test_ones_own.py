@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from testfield import registry
-from testfield.bench.drawn import draw_observations
 from testfield.camera.interior import Interior
 from testfield.certify.lens import certify_lens
 from testfield.detect.observations import Observations
@@ -22,6 +21,7 @@ from testfield.scene.load import load_scene
 from testfield.scene.schema import CameraPart
 from testfield.scene.truth import see
 from testfield.scene.world import World
+from testfield.simulate.observations import draw_observations
 from testfield.uncertainty.rays import RayTrials
 
 QUICK = Path(__file__).parents[1] / "scenes/quick.toml"

@@ -12,7 +12,7 @@ from hand_made import HandMade, Page
 
 from testfield.camera.images import Frame, SensorSheet
 from testfield.camera.pose import Poses
-from testfield.certify.certificate import renderer_digest
+from testfield.score.floor import renderer_digest
 from testfield.measure.photographs import Length, Measurement
 from testfield.report.measured import _figures
 from testfield.report.page import write_report

@@ -10,7 +10,6 @@ import pytest
 from test_reconstruction import BENT, around, calibration_of, noisy, seen
 
 from testfield.bench.claims import over_exposures, over_worlds
-from testfield.bench.drawn import bound_px2, draw_observations
 from testfield.chain.run import Run, begin, resume
 from testfield.chain.stages import STAGES, run_stage
 from testfield.chain.trials import Trials, reexposed
@@ -24,6 +23,7 @@ from testfield.scene.truth import see
 from testfield.score.align import aligned_covariance
 from testfield.score.points import PointScore, score_points
 from testfield.seeds import normals
+from testfield.simulate.observations import bound_px2, draw_observations
 from testfield.statistics.consistency import nees_band
 from testfield.uncertainty import rays
 from testfield.uncertainty.certificates import draw_certificates, draw_pixels

@@ -3,7 +3,7 @@
     python -m testfield.bench.residual_field --draws 20 --rms 0 0.02 0.1 0.3
 
 Each draw has a field, a workshop and noise of its own. `--rendered` renders its images and detects what is in them;
-without it observations are drawn at the physical bound (`bench/drawn.py`), which takes a second instead of a minute.
+without it observations are drawn at the physical bound (`simulate/observations.py`), which takes a second instead of a minute.
 """
 
 import argparse
@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from testfield.bench.drawn import draw_observations
 from testfield.chain.recipe import recipe_of
 from testfield.chain.run import Run, begin
 from testfield.chain.stages import run_stage
+from testfield.evaluate.case import changed, scene_table
 from testfield.measure.pipeline import measure
 from testfield.scene.build import build_world
 from testfield.scene.load import parse_scene
@@ -24,8 +24,8 @@ from testfield.score.camera import score_camera
 from testfield.score.points import score_points
 from testfield.score.scorecard import load_scorecard
 from testfield.seeds import seed_of
+from testfield.simulate.observations import draw_observations
 from testfield.store.text import write_text
-from testfield.study.cases import changed, scene_table
 
 KINDS = ("rings", "dots", "checkerboard", "circles")
 FIGURES = ("points", "imaging", "interior")
