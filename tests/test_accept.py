@@ -16,6 +16,7 @@ from testfield.errors import TestfieldError
 from testfield.reconstruct.points import Points
 from testfield.report.accept import accept_page, sentence
 from testfield.scene.build import build_world
+from testfield.scene.check_marks import codes_exist_and_differ
 from testfield.scene.load import load_scene, parse_scene
 from testfield.scene.schema import SceneFile
 from testfield.scene.world import BOARD, World
@@ -380,10 +381,9 @@ def test_a_line_whose_lengths_do_not_grow_is_refused() -> None:
         parse_scene(text, "scene")
     again = (SCENES / "vdi2634.toml").read_text().replace("first_code = 411", "first_code = 401")
     world = build_world(parse_scene(again, "scene"))
-    from testfield.scene.check import _codes_exist_and_differ
 
     with pytest.raises(TestfieldError, match="used twice"):
-        _codes_exist_and_differ(parse_scene(again, "scene"), world, "scene")
+        codes_exist_and_differ(parse_scene(again, "scene"), world, "scene")
 
 
 def test_a_run_without_measuring_lines_is_tested_on_its_check_targets(

@@ -7,10 +7,10 @@ import time
 
 import pytest
 
-from testfield import __version__
 from testfield.chain import progress
 from testfield.cli.colour import bad, good
 from testfield.cli.main import main, parser
+from testfield.version import __version__
 
 TOOLS = ("render", "detect", "recall", "adjust", "claims")
 

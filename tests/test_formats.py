@@ -13,13 +13,13 @@ import pyarrow.parquet as pq
 import pytest
 
 import testfield
-from testfield import __version__
 from testfield.chain.run import Run
 from testfield.cli.main import main
 from testfield.detect.observations import Observations
 from testfield.store.ledger import Ledger
 from testfield.store.sheets import FORMAT
 from testfield.store.stamp import stamp
+from testfield.version import __version__
 
 PAGE = (Path(testfield.__file__).parent / "FORMATS.md").read_text(encoding="utf-8")
 TABLES = ("truth/marks", "truth/views", "observations", "points")

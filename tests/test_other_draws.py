@@ -28,9 +28,12 @@ def test_each_world_and_each_noise_has_a_folder(tmp_path: Path, monkeypatch: pyt
         for seed, noise in ((None, None), (SEED, None), (3, None), (None, 5), (3, 5))
     }
     assert found == {
-        (None, None): "tiny", (SEED, None): "tiny", (3, None): "tiny-seed3", (None, 5): "tiny-noise5",
+        (None, None): "tiny",
+        (SEED, None): "tiny",
+        (3, None): "tiny-seed3",
+        (None, 5): "tiny-noise5",
         (3, 5): "tiny-seed3-noise5",
-    }  # fmt: skip
+    }
 
 
 def test_other_noise_is_in_the_same_world(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

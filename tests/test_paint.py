@@ -15,7 +15,8 @@ from testfield.render.path import render_path
 from testfield.render.stage import build_stage
 from testfield.render.view import FAST, FAST_SAMPLED, PATH_SAMPLED, render_view, white_radiance
 from testfield.scene.build import build_world
-from testfield.scene.check import check_scene, retro_reflectance
+from testfield.scene.check import check_scene
+from testfield.scene.check_camera import retro_reflectance
 from testfield.scene.load import load_scene, parse_scene
 from testfield.scene.room_parts import GradientPart, MapPart
 from testfield.scene.sky import sky_of

@@ -59,9 +59,15 @@ def faults(text: str) -> dict[str, TestfieldError]:
 
 def test_every_fault_is_named_once_with_its_line() -> None:
     assert set(faults(FAULTY)) == {
-        "3, seed", "6, volume.size_mm", "9, camera.widht_px", "10, camera.height_px", "11, camera.lens",
-        "13, stations[0]", "16, boards[0].position_mm", "20, boards[0].size_mm[1]",
-    }  # fmt: skip
+        "3, seed",
+        "6, volume.size_mm",
+        "9, camera.widht_px",
+        "10, camera.height_px",
+        "11, camera.lens",
+        "13, stations[0]",
+        "16, boards[0].position_mm",
+        "20, boards[0].size_mm[1]",
+    }
 
 
 def test_a_misspelt_name_or_value_gets_the_nearest_one() -> None:
@@ -115,8 +121,16 @@ def test_lines_are_those_of_awkward_toml_too() -> None:
         "w = 1979-05-27 07:32:00\n[[t]]\nx = '#'\nlast = 'it''s'\n"
     ).replace("'it''s'", '"it\'s"')
     found = Lines(text).of
-    wanted = {("a", "b"): 1, ("t", 0, "x", 1): 5, ("t", 0, "x", 2, "d", "e"): 5, ("t", 0, "q u", "z", "y"): 7,
-              ("t", 0, "q u", "z", "w"): 10, ("t", 1): 11, ("t", 1, "x"): 12, ("t", 1, "last"): 13}  # fmt: skip
+    wanted = {
+        ("a", "b"): 1,
+        ("t", 0, "x", 1): 5,
+        ("t", 0, "x", 2, "d", "e"): 5,
+        ("t", 0, "q u", "z", "y"): 7,
+        ("t", 0, "q u", "z", "w"): 10,
+        ("t", 1): 11,
+        ("t", 1, "x"): 12,
+        ("t", 1, "last"): 13,
+    }
     assert {leaf: found[leaf] for leaf in wanted} == wanted
     assert set(leaves(tomllib.loads(text))) <= set(found)
 
@@ -135,8 +149,10 @@ def test_a_field_file_is_told_in_the_same_way(tmp_path: Path) -> None:
     with pytest.raises(Faults) as raised:
         load_field_file(path)
     assert [fault.where.split("toml:")[1] for fault in raised.value.faults] == [
-        "3, target.radi", "5, distances[0].length_mm", "7, distances[0].u_mm",
-    ]  # fmt: skip
+        "3, target.radi",
+        "5, distances[0].length_mm",
+        "7, distances[0].u_mm",
+    ]
 
 
 def test_gather_returns_what_passes_and_raises_all_that_fails() -> None:

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 from hand_made import HandMade, Page
+from scipy.spatial.transform import Rotation
 
 from testfield.calibrate.calibration import Calibration
 from testfield.camera.images import Frame, SensorSheet
@@ -34,7 +35,7 @@ BAR = RigPart(
         RigMemberPart(camera="far", position_mm=(410, 0, 0), rotation_deg=(0, 90, 0)),
     ),
 )
-"""Far stands 400 mm right of near; its turn about y brings x to -z, so that near stands 400 mm in front of it."""
+"""Far stands 400 mm right of near and looks to the right, so that near stands 400 mm behind it."""
 
 
 @pytest.fixture(scope="module")
@@ -68,11 +69,15 @@ def two(by_hand: HandMade) -> Calibration:
 
 def rig() -> dict[str, Any]:
     """Far turned 0.3 mrad too far about x, and shifted by (0.2, -0.6, 0.9) mm."""
-    turn = cv2.Rodrigues(cv2.Rodrigues(np.array([0.0003, 0, 0.0]))[0] @ cv2.Rodrigues(np.array([0, np.pi / 2, 0]))[0])[
-        0
-    ]
-    t = np.array([0, 0, 400.0])
-    return {"rig": "bar", "camera": "far", "turn_rad": turn.ravel().tolist(), "t_mm": (t + [0.2, -0.6, 0.9]).tolist()}
+    right = np.array([[0.0, 0, -1], [0, 1, 0], [1, 0, 0]])  # its axes as rows: x backward, y down, z to near's right
+    turn = Rotation.from_rotvec([0.0003, 0, 0]).as_matrix() @ right
+    t_mm = np.array([0.2, -0.6, -400 + 0.9])
+    return {
+        "rig": "bar",
+        "camera": "far",
+        "turn_rad": Rotation.from_matrix(turn).as_rotvec().tolist(),
+        "t_mm": t_mm.tolist(),
+    }
 
 
 @pytest.fixture(scope="module")

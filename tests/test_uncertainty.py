@@ -242,6 +242,7 @@ def test_recalibrated_trials_are_kept_and_are_the_same_again(copied: Path) -> No
     assert (copied / "uncertainty/calibration/0000.npy").read_bytes() == kept
 
 
+@pytest.mark.slow
 def test_several_processes_make_the_trials_that_one_makes(copied: Path, capsys: pytest.CaptureFixture) -> None:
     command = ["uncertainty", str(copied), "--depth", "calibration", "--trials", "3", "--json"]
     said, trials = [], copied / "uncertainty"

@@ -3,7 +3,7 @@
     python -m testfield.bench.residual_field --draws 20 --rms 0 0.02 0.1 0.3
 
 Each draw has a field, a workshop and noise of its own. `--rendered` renders its images and detects what is in them;
-without it observations are drawn at the physical bound (`simulate/observations.py`), which takes a second instead of a minute.
+without it observations are drawn at the physical bound (`simulate/observations.py`): a second instead of a minute.
 """
 
 import argparse

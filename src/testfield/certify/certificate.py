@@ -7,7 +7,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from testfield import __version__
 from testfield.certify.verdict import Verdict
 from testfield.scene.build import build_world
 from testfield.scene.load import load_scene
@@ -15,6 +14,7 @@ from testfield.score.floor import renderer_digest
 from testfield.store.code import PACKAGES, package_version
 from testfield.store.stamp import stamp
 from testfield.store.text import read_text, write_text
+from testfield.version import __version__
 
 PARTS = ("geometry", "light", "lens", "focus", "sensor", "sameness")
 

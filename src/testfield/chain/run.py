@@ -12,7 +12,6 @@ from pathlib import Path
 
 import tomli_w
 
-from testfield import __version__
 from testfield.camera.interior import check_held
 from testfield.chain.recipe import recipe_of
 from testfield.chain.truth import Truth
@@ -33,6 +32,7 @@ from testfield.store.ledger import Ledger, inside
 from testfield.store.stamp import now
 from testfield.store.text import decoded
 from testfield.targets.field import Field
+from testfield.version import __version__
 
 
 @dataclass

@@ -1,168 +1,26 @@
 """The stages in order. Each keeps what it made as long as everything it was made from is the same."""
 
 import time
-from collections.abc import Callable, Iterable
-from dataclasses import asdict
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from testfield.chain.belongs import check_truth, exposed_world, rendered_world, world_of
+from testfield.chain.belongs import check_truth, world_of
 from testfield.chain.keys import (
-    RenderKeys,
     calibrate_key,
     detect_key,
-    expose_key,
     reconstruct_key,
-    render_keys,
     report_key,
     score_key,
 )
 from testfield.chain.progress import bar
 from testfield.chain.recipe import recipe_of
+from testfield.chain.rendering import expose, frames_of_others, render
 from testfield.chain.run import Run
+from testfield.chain.stage_work import Made, each_item
 from testfield.errors import TestfieldError
-from testfield.scene.parts import ScenePart
-from testfield.scene.world import World
-from testfield.seeds import seed_of
 from testfield.store.digests import file_digest
 from testfield.store.threads import one_blas_thread
-from testfield.store.work import each
-
-Made = tuple[int, int]
-"""How many of a stage's items were made, and how many there are."""
-
-
-def render(run: Run) -> Made:
-    """Radiance of every station, and the light on every panel that they share."""
-    shown, todo = rendered_world(run.scene), []
-    for part, world in zip(run.truth.parts, run.truth.worlds, strict=True):
-        made_from = render_keys(part.scene, world)
-        stale = []
-        for k, name in enumerate(world.station_name):
-            if run.ledger.fresh(f"radiance/{name}.exr", made_from.images[name]):
-                run.ledger.shows(f"radiance/{name}.exr", shown)
-            else:
-                stale.append(k)
-        if stale:
-            todo.append((part, world, made_from, stale))
-    count = sum(len(stale) for *_, stale in todo)
-    if count:
-        with bar("render", count, "views") as move:
-            for part, world, made_from, stale in todo:
-                _render_part(run, part, world, made_from, stale, move)
-    return count, len(run.stations)
-
-
-def _render_part(
-    run: Run,
-    part: ScenePart,
-    world: World,
-    made_from: RenderKeys,
-    stale: list[int],
-    move: Callable[[float], None],
-) -> None:
-    """Radiance of those images of a part that are `stale`."""
-    settings, keys = run.scene.render, made_from.images
-    fast, shown = settings.mode == "fast", rendered_world(run.scene)
-    light_file = f"radiance/light-t{part.time:02d}.npz" if part.time else "radiance/light.npz"
-
-    from testfield.render.irradiance import Irradiance, compute_irradiance
-    from testfield.render.stage import build_stage
-    from testfield.render.view import fast_carries, render_reference, render_view
-
-    stage = build_stage(world)
-    light = Irradiance.even(len(world.panels), 0.0)  # not asked for where every image is path traced
-    if fast and fast_carries(world):
-        seed = seed_of(world.seed, "light") & 0x7FFFFFFF
-        with bar("light", 1, "scene") as lighten:
-            run.ledger.make(
-                light_file,
-                made_from.light,
-                lambda path: compute_irradiance(
-                    stage, settings.light_spacing_mm, settings.light_paths, seed, lighten
-                ).save(path),
-            )
-        light = Irradiance.load(run.folder / light_file)
-    for k in stale:
-        name = world.station_name[k]
-        seed = seed_of(world.seed, f"path/{name}") & 0x7FFFFFFF
-        if fast:
-            image, making = render_view(
-                stage, light, k, settings.cells, settings.noise_target, settings.most_samples, seed, move,
-                settings.blur_shots,
-            )  # fmt: skip
-        else:
-            image, making = render_reference(stage, k, settings.samples, seed, move)
-        run.ledger.make(f"radiance/{name}.exr", keys[name], image.save, world=shown)
-        run.ledger.note(images=run.ledger.notes.get("images", {}) | {name: asdict(making)})
-
-
-def expose(run: Run) -> Made:
-    """A digital frame of every station. Raises `TestfieldError` where somebody has put one of their own."""
-    from testfield.scene.exposure import sensor_of
-
-    refuse_frames_of_others(run)
-    work = []
-    for part, _, _, name in run.truth.images():
-        scene = part.scene
-        sensor, size = sensor_of(scene), (scene.camera.height_px, scene.camera.width_px)
-        source = run.need(f"radiance/{name}.exr", "render")
-        key = expose_key(scene, name, file_digest(source), part.sensor_seed)
-        pair = frame_names(name)
-        rendered = world_of(run, [f"radiance/{name}.exr"])
-        world = exposed_world(run.scene, rendered) if rendered else ""
-        if all(run.ledger.fresh(file, key) for file in pair):
-            for file in pair:
-                run.ledger.shows(file, world)
-        else:
-            seeds = (part.sensor_seed, scene.seed if scene.noise_seed is None else scene.noise_seed)
-            work.append((source, run.folder / pair[0], size, sensor, seeds, pair, key, world))
-    for parts, key, world in _each(run, "expose", _expose_one, work, "frames"):
-        run.ledger.place(parts, key, world=world)
-    return len(work), len(run.stations)
-
-
-def frame_names(station: str) -> tuple[str, str]:
-    """A station's image in a run's folder, and its sensor's sheet."""
-    return f"frames/{station}.png", f"frames/{station}.json"
-
-
-def frames_of_others(run: Run) -> list[str]:
-    """Images and sensor sheets in frames/ that are sound and were not made by this run.
-
-    Where the ledger was damaged nobody knows yet; a file that is made again with other bytes is refused when it comes.
-    """
-    if run.ledger.damaged:
-        return []
-    return [file for name in run.stations for file in frame_names(name) if run.ledger.foreign(file)]
-
-
-def refuse_frames_of_others(run: Run) -> None:
-    """Raise `TestfieldError` where a frame of somebody's own lies in the place of one that would be made."""
-    for file in frames_of_others(run):
-        raise TestfieldError(
-            "this file was not made by the run, or was changed since", str(run.folder / file),
-            f"`testfield detect {run.folder}` and the stages after it use it; for a rendered one move it away",
-        )  # fmt: skip
-
-
-def _expose_one(work: tuple) -> tuple[dict[str, Path], str, str]:
-    """Write a frame's two parts; only the process that keeps the ledger puts them in their places."""
-    import testfield.sensor.expose as sensor_room
-    from testfield.camera.images import Radiance
-    from testfield.store.atomic import part_path
-
-    source, target, size, sensor, (sensor_seed, seed), (image, sheet), key, world = work
-    part = part_path(target)
-    part.parent.mkdir(parents=True, exist_ok=True)
-    radiance = Radiance.load(source)
-    if (radiance.station, radiance.values.shape) != (source.stem, size):
-        raise TestfieldError(
-            f"an image of '{radiance.station}' of {radiance.values.shape[1]} x {radiance.values.shape[0]} px, and "
-            f"'{source.stem}' of {size[1]} x {size[0]} px is wanted", str(source), "render again",
-        )  # fmt: skip
-    sensor_room.expose(radiance, sensor, sensor_seed, noise_seed=seed).save(part)
-    return {image: part, sheet: part.with_suffix(".json")}, key, world
 
 
 def detect(run: Run) -> Made:
@@ -181,7 +39,7 @@ def detect(run: Run) -> Made:
         (source, name, run.field, recipe, (part.scene.camera.width_px, part.scene.camera.height_px))
         for source, (part, _, _, name) in zip(sources, run.truth.images(), strict=True)
     ]
-    parts = list(_each(run, "detect", _detect_one, work, "frames"))
+    parts = list(each_item(run, "detect", _detect_one, work, "frames"))
     observations = run.truth.by_cameras(Observations.join(parts, run.stations))
     return int(run.ledger.make("observations.parquet", key, observations.save, world=world)), 1
 
@@ -279,6 +137,8 @@ def report(run: Run) -> Made:
 
 
 MEASURED = (("observations.parquet", "detect"), ("calibration.json", "calibrate"), ("points.parquet", "reconstruct"))
+
+
 STAGES: dict[str, Callable[[Run], Made]] = {
     "render": render,
     "expose": expose,
@@ -324,9 +184,3 @@ def stale_inputs(run: Run) -> list[str]:
                     f"{name} was made from another {source}; renew it with `testfield {maker} {run.folder}`"
                 )
     return sentences
-
-
-def _each(run: Run, title: str, function: Callable, work: list, unit: str) -> Iterable[Any]:
-    """Results in order, from several processes where there is enough to do."""
-    with bar(title, len(work), unit) as move:
-        yield from each(function, work, run.jobs, alone=2, moved=lambda _: move(1))

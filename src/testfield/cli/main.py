@@ -7,10 +7,10 @@ import textwrap
 from importlib import import_module
 from typing import Any
 
-from testfield import __version__
 from testfield.errors import TestfieldError, faults_in
 from testfield.store.disk import spoken
 from testfield.store.text import speak_in_any_locale
+from testfield.version import __version__
 
 MODULES = (
     "run", "stage", "detect", "measure", "uncertainty", "accept", "study", "validate", "preview", "certify", "bench",

@@ -3,7 +3,6 @@
 import argparse
 import json
 import sys
-from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
 from testfield.cli.colour import bad, caution, judged
@@ -56,17 +55,6 @@ def seed_of_option(option: str, seed: int | None) -> int | None:
     if seed is not None and seed < 0:
         raise TestfieldError(f"value {seed} is negative", option, "give 0 or more")
     return seed
-
-
-SILENT = ("calibrate", "reconstruct", "score")
-"""Stages that are one step, and show no progress of their own."""
-
-
-def watched(stage: str) -> AbstractContextManager[None]:
-    """Lines that a stage goes on, where it takes long and shows no progress of its own."""
-    from testfield.chain.progress import step
-
-    return step(stage) if stage in SILENT else nullcontext()
 
 
 def show_result(folder: Path, as_json: bool) -> None:

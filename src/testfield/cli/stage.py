@@ -47,9 +47,10 @@ def add(commands: Any) -> None:
 
 def act(args: argparse.Namespace) -> int:
     """Run the stage, unless what it would make is there already."""
+    from testfield.chain.complete import stage
     from testfield.chain.run import resume, scene_of
-    from testfield.chain.stages import remarks, run_stage
-    from testfield.cli.show import failures_in, jobs_of, show_result, show_warnings, status_of, watched
+    from testfield.chain.stages import remarks
+    from testfield.cli.show import failures_in, jobs_of, show_result, show_warnings, status_of
     from testfield.store.atomic import sweep
     from testfield.store.lock import only_writer
 
@@ -57,8 +58,7 @@ def act(args: argparse.Namespace) -> int:
     with only_writer(args.run):
         sweep(args.run)
         run = resume(args.run, jobs_of(args.jobs))
-        with watched(args.stage):
-            made = run_stage(run, args.stage)
+        made = stage(run, args.stage)
         warnings = remarks(run)
         show_warnings(warnings)
     if args.json:

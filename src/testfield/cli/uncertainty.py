@@ -147,8 +147,10 @@ def _excess(row: dict[str, Any]) -> float:
 def _line(row: dict[str, Any]) -> str:
     line, trials = row["linear"], row["monte_carlo"]
     said = {
-        "yes": good("validated"), "no": bad("NOT validated"), "open": caution("open: too few trials"),
-    }[row["validated"]]  # fmt: skip
+        "yes": good("validated"),
+        "no": bad("NOT validated"),
+        "open": caution("open: too few trials"),
+    }[row["validated"]]
     return (
         f"{row['name']:<12} {line['value_mm']:12.4f} mm  u {line['u_mm']:.5f}  Monte Carlo u {trials['u_mm']:.5f}  "
         f"d_low {row['d_low_mm']:.5f}  d_high {row['d_high_mm']:.5f}  delta {row['delta_mm']:.5f}  {said}"

@@ -52,16 +52,25 @@ def _held(run: "Run") -> dict[str, Any]:
     sizes = run.views.diameter_px[seen]
     count = {role: int((world.marks.role == role).sum()) for role in (BOARD, CHECK, BAR)}
     meshes = [
-        {"name": mesh.name, "faces": len(mesh.faces), "size_mm": np.ptp(mesh.vertices_mm, axis=0).tolist(),
-         "closed": bool(mesh.closed)}
+        {
+            "name": mesh.name,
+            "faces": len(mesh.faces),
+            "size_mm": np.ptp(mesh.vertices_mm, axis=0).tolist(),
+            "closed": bool(mesh.closed),
+        }
         for mesh in world.meshes
-    ]  # fmt: skip
+    ]
     return {
-        "boards": len(world.field.boards), "marks_of_boards": count[BOARD], "check_targets": count[CHECK],
-        "scale_bars": len(world.field.scale_bars), "ends_of_bars": count[BAR], "meshes": meshes,
-        "stations": len(world.station_name), "full_views": int(seen.sum()),
+        "boards": len(world.field.boards),
+        "marks_of_boards": count[BOARD],
+        "check_targets": count[CHECK],
+        "scale_bars": len(world.field.scale_bars),
+        "ends_of_bars": count[BAR],
+        "meshes": meshes,
+        "stations": len(world.station_name),
+        "full_views": int(seen.sum()),
         "diameter_px": [float(sizes.min()), float(sizes.max())],
-    }  # fmt: skip
+    }
 
 
 def _show(path: Path, held: dict[str, Any]) -> None:

@@ -48,8 +48,21 @@ def scorecard(
     rigs: tuple[RigPart, ...] = (),
 ) -> dict[str, Any]:
     """Score a run's files against the truth; of several cameras, `cameras` are the worlds that they see, by name."""
-    found = Observations.load(observations).at_times(world.field.moving)
-    camera, targets = Calibration.load(calibration), Points.load(points)
+    found, camera, targets = Observations.load(observations), Calibration.load(calibration), Points.load(points)
+    return score_measured(world, views, found, camera, targets, cameras, rigs)
+
+
+def score_measured(
+    world: World,
+    views: Views,
+    observations: Observations,
+    camera: Calibration,
+    targets: Points,
+    cameras: dict[str, World] | None = None,
+    rigs: tuple[RigPart, ...] = (),
+) -> dict[str, Any]:
+    """Score what was measured against the truth, as `scorecard` does files."""
+    found = observations.at_times(world.field.moving)
     lengths = score_lengths(world, camera, targets)
     checks = [(bar["name"], bar.get("en")) for bar in lengths["bars"] if bar["role"] == "check"]
     failures = [*camera.failures, *failed_checks(checks)]

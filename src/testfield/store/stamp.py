@@ -6,8 +6,8 @@ Files whose bytes are compared between runs (FORMATS.md lists them) carry their 
 from datetime import UTC, datetime
 from typing import Any
 
-from testfield import __version__
 from testfield.store.sheets import FORMAT
+from testfield.version import __version__
 
 
 def stamp(seed: int | None = None, noise_seed: int | None = None) -> dict[str, Any]:

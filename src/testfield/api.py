@@ -1,0 +1,169 @@
+"""What `import testfield as tf` offers. Every name here is stable; everything else may change."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from testfield.calibrate.calibration import Calibration
+from testfield.camera.images import Frame
+from testfield.chain.complete import complete
+from testfield.chain.run import resume
+from testfield.chain.truth import Truth
+from testfield.detect.observations import Observations
+from testfield.errors import TestfieldError
+from testfield.measure.pipeline import Measured
+from testfield.measure.pipeline import measure as measure_by
+from testfield.measure.recipe import Recipe
+from testfield.reconstruct.points import Points
+from testfield.registry import register
+from testfield.scene.load import load_scene as load_scene_file
+from testfield.scene.schema import SceneFile
+from testfield.scene.shipped import find_scene
+from testfield.score.scorecard import figure, load_scorecard, plain, score_measured, ten_figures
+from testfield.targets.field import Field
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = [
+    "Measured",
+    "Recipe",
+    "RunResult",
+    "Score",
+    "TestfieldError",
+    "load_scene",
+    "measure",
+    "open_run",
+    "register",
+    "run",
+    "score",
+]
+
+
+@dataclass(frozen=True)
+class Score:
+    """Everything measured against the truth. `figures` are those of scorecard.json (FORMATS.md)."""
+
+    figures: dict[str, Any]
+
+    def __getitem__(self, key: str) -> Any:
+        """The figure under a dotted key, as `score["points.rmse_mm"]`. Raises `KeyError` where there is none."""
+        return figure(self.figures, key)
+
+    @property
+    def passed(self) -> bool:
+        """Whether nothing failed."""
+        return bool(self["verdict.passed"])
+
+    @property
+    def failures(self) -> tuple[str, ...]:
+        """What failed, one sentence each."""
+        return tuple(self["verdict.failures"])
+
+    @property
+    def ten(self) -> dict[str, str]:
+        """The ten figures that matter, as they are printed."""
+        return dict(ten_figures(self.figures))
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """A finished run in its `folder`; its parts are read when they are asked for."""
+
+    folder: Path
+
+    @cached_property
+    def scene(self) -> SceneFile:
+        """The scene as run."""
+        return load_scene_file(self.folder / "scene.toml")
+
+    @cached_property
+    def field(self) -> Field:
+        """The field sheet: what the measuring side was told."""
+        return Field.load(self.folder / "field.json")
+
+    @cached_property
+    def observations(self) -> Observations:
+        """What detection found."""
+        return Observations.load(self.folder / "observations.parquet", self.field)
+
+    @cached_property
+    def calibration(self) -> Calibration:
+        """Cameras, exterior orientations and boards, with their joint covariance."""
+        return Calibration.load(self.folder / "calibration.json")
+
+    @cached_property
+    def points(self) -> Points:
+        """Targets that belong to no board, with their joint covariance."""
+        return Points.load(self.folder / "points.parquet")
+
+    @cached_property
+    def score(self) -> Score:
+        """Everything measured against the truth."""
+        return Score(load_scorecard(self.folder / "scorecard.json"))
+
+    def frames(self) -> Iterator[Frame]:
+        """The images, one after the other."""
+        for name in self.observations.stations:
+            yield Frame.load(self.folder / f"frames/{name}.png", name)
+
+    def table(self, name: str) -> "pd.DataFrame":
+        """A table as a data frame: observations, points, truth/marks or truth/views; FORMATS.md lists the columns."""
+        import pandas as pd
+
+        path = self.folder / f"{name}.parquet"
+        if not path.is_file():
+            raise TestfieldError("there is no such table", str(path), "observations, points, truth/marks, truth/views")
+        return pd.read_parquet(path)
+
+
+def load_scene(scene: str | Path) -> SceneFile:
+    """The scene at a path, or the one of that name that comes along.
+
+    Raises `TestfieldError` with all that is wrong with it.
+    """
+    return load_scene_file(find_scene(scene))
+
+
+def run(
+    scene: str | Path,
+    out: str | Path | None = None,
+    *,
+    seed: int | None = None,
+    noise_seed: int | None = None,
+    jobs: int = 1,
+    force: bool = False,
+) -> RunResult:
+    """Render, measure and score a scene, given by path or name; nothing whose inputs are the same is made again.
+
+    `out` is the run's folder, renders/NAME where it is absent. Another `seed` is another world, another `noise_seed`
+    other noise in the same one. Raises `TestfieldError` for a scene that cannot be run or measured.
+    """
+    finished, _ = complete(Path(scene), None if out is None else Path(out), seed, noise_seed, jobs, force)
+    return RunResult(finished.folder)
+
+
+def open_run(folder: str | Path) -> RunResult:
+    """The run in a folder. Raises `TestfieldError` where there is none."""
+    return RunResult(resume(Path(folder), 1).folder)
+
+
+def measure(seen: Observations | Sequence[Frame], field: Field, recipe: Recipe | None = None) -> Measured:
+    """Observations, calibration and points that a recipe makes of frames, or of observations that are there already.
+
+    `field` is the field sheet. Raises `TestfieldError` where frames and field do not determine the result.
+    """
+    return measure_by(seen, field, recipe or Recipe())
+
+
+def score(scene: SceneFile | str | Path, measured: Measured) -> Score:
+    """What was measured of a scene's images against the scene's truth."""
+    true = scene if isinstance(scene, SceneFile) else load_scene(scene)
+    truth = Truth.of(true, true.name)
+    observations = truth.by_cameras(measured.observations)
+    card = score_measured(
+        truth.world, truth.views, observations, measured.calibration, measured.points, truth.cameras, true.rigs
+    )
+    return Score(plain(card))

@@ -1,0 +1,153 @@
+"""The two stages that make images: radiance of every station, and digital frames of it."""
+
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+
+from testfield.chain.belongs import exposed_world, rendered_world, world_of
+from testfield.chain.keys import (
+    RenderKeys,
+    expose_key,
+    render_keys,
+)
+from testfield.chain.progress import bar
+from testfield.chain.run import Run
+from testfield.chain.stage_work import Made, each_item
+from testfield.errors import TestfieldError
+from testfield.scene.parts import ScenePart
+from testfield.scene.world import World
+from testfield.seeds import seed_of
+from testfield.store.digests import file_digest
+
+
+def render(run: Run) -> Made:
+    """Radiance of every station, and the light on every panel that they share."""
+    shown, todo = rendered_world(run.scene), []
+    for part, world in zip(run.truth.parts, run.truth.worlds, strict=True):
+        made_from = render_keys(part.scene, world)
+        stale = []
+        for k, name in enumerate(world.station_name):
+            if run.ledger.fresh(f"radiance/{name}.exr", made_from.images[name]):
+                run.ledger.shows(f"radiance/{name}.exr", shown)
+            else:
+                stale.append(k)
+        if stale:
+            todo.append((part, world, made_from, stale))
+    count = sum(len(stale) for *_, stale in todo)
+    if count:
+        with bar("render", count, "views") as move:
+            for part, world, made_from, stale in todo:
+                _render_part(run, part, world, made_from, stale, move)
+    return count, len(run.stations)
+
+
+def _render_part(
+    run: Run,
+    part: ScenePart,
+    world: World,
+    made_from: RenderKeys,
+    stale: list[int],
+    move: Callable[[float], None],
+) -> None:
+    """Radiance of those images of a part that are `stale`."""
+    settings, keys = run.scene.render, made_from.images
+    fast, shown = settings.mode == "fast", rendered_world(run.scene)
+    light_file = f"radiance/light-t{part.time:02d}.npz" if part.time else "radiance/light.npz"
+
+    from testfield.render.irradiance import Irradiance, compute_irradiance
+    from testfield.render.stage import build_stage
+    from testfield.render.view import fast_carries, render_reference, render_view
+
+    stage = build_stage(world)
+    light = Irradiance.even(len(world.panels), 0.0)  # not asked for where every image is path traced
+    if fast and fast_carries(world):
+        seed = seed_of(world.seed, "light") & 0x7FFFFFFF
+        with bar("light", 1, "scene") as lighten:
+            run.ledger.make(
+                light_file,
+                made_from.light,
+                lambda path: compute_irradiance(
+                    stage, settings.light_spacing_mm, settings.light_paths, seed, lighten
+                ).save(path),
+            )
+        light = Irradiance.load(run.folder / light_file)
+    for k in stale:
+        name = world.station_name[k]
+        seed = seed_of(world.seed, f"path/{name}") & 0x7FFFFFFF
+        if fast:
+            image, making = render_view(
+                stage, light, k, settings.cells, settings.noise_target, settings.most_samples, seed, move,
+                settings.blur_shots,
+            )  # fmt: skip
+        else:
+            image, making = render_reference(stage, k, settings.samples, seed, move)
+        run.ledger.make(f"radiance/{name}.exr", keys[name], image.save, world=shown)
+        run.ledger.note(images=run.ledger.notes.get("images", {}) | {name: asdict(making)})
+
+
+def expose(run: Run) -> Made:
+    """A digital frame of every station. Raises `TestfieldError` where somebody has put one of their own."""
+    from testfield.scene.exposure import sensor_of
+
+    refuse_frames_of_others(run)
+    work = []
+    for part, _, _, name in run.truth.images():
+        scene = part.scene
+        sensor, size = sensor_of(scene), (scene.camera.height_px, scene.camera.width_px)
+        source = run.need(f"radiance/{name}.exr", "render")
+        key = expose_key(scene, name, file_digest(source), part.sensor_seed)
+        pair = frame_names(name)
+        rendered = world_of(run, [f"radiance/{name}.exr"])
+        world = exposed_world(run.scene, rendered) if rendered else ""
+        if all(run.ledger.fresh(file, key) for file in pair):
+            for file in pair:
+                run.ledger.shows(file, world)
+        else:
+            seeds = (part.sensor_seed, scene.seed if scene.noise_seed is None else scene.noise_seed)
+            work.append((source, run.folder / pair[0], size, sensor, seeds, pair, key, world))
+    for parts, key, world in each_item(run, "expose", _expose_one, work, "frames"):
+        run.ledger.place(parts, key, world=world)
+    return len(work), len(run.stations)
+
+
+def frame_names(station: str) -> tuple[str, str]:
+    """A station's image in a run's folder, and its sensor's sheet."""
+    return f"frames/{station}.png", f"frames/{station}.json"
+
+
+def frames_of_others(run: Run) -> list[str]:
+    """Images and sensor sheets in frames/ that are sound and were not made by this run.
+
+    Where the ledger was damaged nobody knows yet; a file that is made again with other bytes is refused when it comes.
+    """
+    if run.ledger.damaged:
+        return []
+    return [file for name in run.stations for file in frame_names(name) if run.ledger.foreign(file)]
+
+
+def refuse_frames_of_others(run: Run) -> None:
+    """Raise `TestfieldError` where a frame of somebody's own lies in the place of one that would be made."""
+    for file in frames_of_others(run):
+        raise TestfieldError(
+            "this file was not made by the run, or was changed since", str(run.folder / file),
+            f"`testfield detect {run.folder}` and the stages after it use it; for a rendered one move it away",
+        )  # fmt: skip
+
+
+def _expose_one(work: tuple) -> tuple[dict[str, Path], str, str]:
+    """Write a frame's two parts; only the process that keeps the ledger puts them in their places."""
+    import testfield.sensor.expose as sensor_room
+    from testfield.camera.images import Radiance
+    from testfield.store.atomic import part_path
+
+    source, target, size, sensor, (sensor_seed, seed), (image, sheet), key, world = work
+    part = part_path(target)
+    part.parent.mkdir(parents=True, exist_ok=True)
+    radiance = Radiance.load(source)
+    if (radiance.station, radiance.values.shape) != (source.stem, size):
+        raise TestfieldError(
+            f"an image of '{radiance.station}' of {radiance.values.shape[1]} x {radiance.values.shape[0]} px, and "
+            f"'{source.stem}' of {size[1]} x {size[0]} px is wanted", str(source), "render again",
+        )  # fmt: skip
+    sensor_room.expose(radiance, sensor, sensor_seed, noise_seed=seed).save(part)
+    return {image: part, sheet: part.with_suffix(".json")}, key, world

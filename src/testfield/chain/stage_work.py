@@ -1,0 +1,19 @@
+"""What all stages share: how much they made, and items of work done in several processes."""
+
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from testfield.chain.progress import bar
+from testfield.chain.run import Run
+from testfield.store.work import each
+
+Made = tuple[int, int]
+
+
+"""How many of a stage's items were made, and how many there are."""
+
+
+def each_item(run: Run, title: str, function: Callable, work: list, unit: str) -> Iterable[Any]:
+    """Results in order, from several processes where there is enough to do."""
+    with bar(title, len(work), unit) as move:
+        yield from each(function, work, run.jobs, alone=2, moved=lambda _: move(1))
