@@ -74,17 +74,6 @@ def code_at(code: Any, time: Any) -> Any:
 
 
 @dataclass(frozen=True)
-class Wand:
-    """Three or more coded targets on a line, `codes` at `at_mm` from the first, which stays in one place while the wand
-    turns about it; `u_mm` is each distance's standard uncertainty."""
-
-    name: str
-    codes: tuple[int, ...]
-    at_mm: tuple[float, ...]
-    u_mm: float = 0.0
-
-
-@dataclass(frozen=True)
 class MeasuringLine:
     """Coded targets on a line for a length measurement test: `codes` in order, the calibrated distances `length_mm`
     of all but the first from the first, and their standard uncertainty `u_length_mm`. No adjustment may use them."""
@@ -112,7 +101,6 @@ class Field:
     white_on_black: bool = True
     u_scale: float = 0.0
     code_radii: str = USUAL
-    wands: tuple[Wand, ...] = ()
     measuring_lines: tuple[MeasuringLine, ...] = ()
     cameras: tuple[CameraSheet, ...] = ()
     rigs: tuple[RigSheet, ...] = ()
@@ -181,7 +169,6 @@ class Field:
             "boards": boards,
             "scale_bars": bars,
             "loose_diameter_mm": {str(code): d for code, d in self.loose.items()},
-            **({"wands": [asdict(wand) for wand in self.wands]} if self.wands else {}),
             **({"measuring_lines": [asdict(line) for line in self.measuring_lines]} if self.measuring_lines else {}),
             **tables_of(self.cameras, self.rigs),
         }
@@ -194,11 +181,10 @@ class Field:
         sheet = checked(_Sheet, read_json(path))
         boards = tuple(_board(b, sheet.bits) for b in sheet.boards)
         bars = tuple(ScaleBar(b.name, b.role, b.codes, b.length_mm, b.u_length_mm, b.moved) for b in sheet.scale_bars)
-        wands = tuple(Wand(w.name, w.codes, w.at_mm, w.u_mm) for w in sheet.wands)
         lines = tuple(MeasuringLine(v.name, v.codes, v.length_mm, v.u_length_mm) for v in sheet.measuring_lines)
         if sheet.code_radii not in RADII:
             raise ValueError(f"code_radii '{sheet.code_radii}' is none of {', '.join(RADII)}")
-        for what, named in (("board", boards), ("bar", bars), ("wand", wands), ("measuring line", lines)):
+        for what, named in (("board", boards), ("bar", bars), ("measuring line", lines)):
             unique([one.name for one in named], what)
         cameras, rigs = cameras_of(sheet.cameras, sheet.rigs)
         return Field(
@@ -209,7 +195,6 @@ class Field:
             white_on_black=sheet.white_on_black,
             u_scale=sheet.u_scale,
             code_radii=sheet.code_radii,
-            wands=wands,
             measuring_lines=lines,
             cameras=cameras,
             rigs=rigs,
@@ -262,13 +247,6 @@ class _BarSheet(Sheet):
     moved: bool = False
 
 
-class _WandSheet(Sheet):
-    name: str
-    codes: tuple[Count, ...]
-    at_mm: tuple[Uncertainty, ...]
-    u_mm: Uncertainty = 0.0
-
-
 class _LineSheet(Sheet):
     name: str
     codes: tuple[Count, ...]
@@ -290,7 +268,6 @@ class _Sheet(Sheet):
     boards: list[_BoardSheet]
     scale_bars: list[_BarSheet]
     loose_diameter_mm: dict[Count, Length]
-    wands: tuple[_WandSheet, ...] = ()
     measuring_lines: tuple[_LineSheet, ...] = ()
     cameras: tuple[CameraTable, ...] = ()
     rigs: tuple[RigTable, ...] = ()
