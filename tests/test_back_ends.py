@@ -4,7 +4,6 @@ import cv2
 import numpy as np
 import pytest
 
-from testfield.bench.drawn_board import draw_board, facing
 from testfield.camera.images import SensorSheet
 from testfield.detect import opencv_boards
 from testfield.detect.circle_grid import order_grid
@@ -12,6 +11,7 @@ from testfield.detect.eight_bits import pictures
 from testfield.detect.opencv_boards import Corners, detect_board
 from testfield.detect.target_spec import parse_target
 from testfield.registry import find, names
+from testfield.simulate.board_image import draw_board, facing
 from testfield.targets.board_pattern import BoardPattern
 
 FAMILIES = ("16h5", "25h9", "36h10", "36h11")

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from conftest import SCENES
 
-from testfield.bench.drawn import draw_observations
 from testfield.calibrate.calibration import Calibration
 from testfield.chain.recipe import recipe_of
 from testfield.chain.truth import Truth
@@ -19,6 +18,7 @@ from testfield.scene.load import load_scene, parse_scene
 from testfield.scene.schema import SceneFile
 from testfield.score.points import score_points
 from testfield.score.several import score_cameras, score_rigs
+from testfield.simulate.observations import draw_observations
 
 STEREO = SCENES / "stereo_rig.toml"
 

@@ -16,7 +16,6 @@ import numpy as np
 import pytest
 from hand_made import HandMade
 
-from testfield.bench.drawn import draw_observations
 from testfield.camera.images import Radiance
 from testfield.chain import trials as trials_module
 from testfield.chain.trials import Trials
@@ -26,6 +25,7 @@ from testfield.scene.truth import see
 from testfield.scene.world import BAR
 from testfield.seeds import generator, seed_of
 from testfield.sensor.expose import Sensor, expose
+from testfield.simulate.observations import draw_observations
 from testfield.store.ledger import Ledger
 from testfield.targets.field import Field
 from testfield.uncertainty.certificates import draw_certificates, draw_pixels

@@ -14,7 +14,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from testfield.chain.code import sources
 from testfield.chain.run import Run
 from testfield.chain.stages import run_stage
 from testfield.errors import TestfieldError
@@ -23,6 +22,7 @@ from testfield.evaluate import keys
 from testfield.evaluate.case import Case, case, changed, scene_table
 from testfield.evaluate.execute import case_key, execute, run_name
 from testfield.measure.recipe import Algorithm, Recipe
+from testfield.store.code import sources
 from testfield.store.work import each
 
 DONE: list[Any] = []

@@ -12,11 +12,11 @@ from hand_made import HandMade, Page
 
 from testfield.camera.images import Frame, SensorSheet
 from testfield.camera.pose import Poses
-from testfield.certify.certificate import renderer_digest
 from testfield.measure.photographs import Length, Measurement
 from testfield.report.measured import _figures
 from testfield.report.page import write_report
 from testfield.scene.load import load_scene
+from testfield.score.floor import renderer_digest
 from testfield.score.scorecard import load_scorecard, scorecard, write_scorecard
 
 QUICK = Path(__file__).parents[1] / "scenes/quick.toml"

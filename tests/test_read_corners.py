@@ -4,11 +4,11 @@ import cv2
 import numpy as np
 import pytest
 
-from testfield.bench.drawn_board import draw_board, facing
 from testfield.camera.photograph import photograph_of
 from testfield.detect.observations import MEASURED, READ, Observations
 from testfield.detect.photograph import detect_in_photograph
 from testfield.detect.target_spec import parse_target
+from testfield.simulate.board_image import draw_board, facing
 from testfield.targets.board_pattern import BoardPattern
 
 

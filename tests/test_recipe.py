@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from conftest import SCENES
 
-from testfield.bench.drawn import draw_observations
 from testfield.calibrate.zhang import zhang
 from testfield.chain.recipe import recipe_of
 from testfield.errors import TestfieldError
@@ -15,6 +14,7 @@ from testfield.measure.recipe import Algorithm, Recipe, options_of
 from testfield.scene.build import build_world
 from testfield.scene.load import load_scene
 from testfield.scene.truth import see
+from testfield.simulate.observations import draw_observations
 
 WRONG = {
     'calibrator = "stiched"': "stitched",

@@ -307,7 +307,7 @@ def test_a_scene_without_checks_or_bars_still_gives_a_report(tmp_path: Path) -> 
 
 
 def test_every_file_a_stage_computes_with_is_in_its_key() -> None:
-    from testfield.chain.code import ROOT, sources
+    from testfield.store.code import ROOT, sources
 
     for module, files in {
         "testfield.render.fast": ("render/pattern.py", "scene/world.py", "camera/interior.py"),

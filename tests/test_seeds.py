@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from testfield.bench.drawn import draw_observations
 from testfield.scene.build import build_world
 from testfield.scene.load import load_scene
 from testfield.scene.schema import SceneFile
@@ -15,6 +14,7 @@ from testfield.scene.target_parts import CheckRandom
 from testfield.scene.truth import see
 from testfield.scene.world import World
 from testfield.seeds import Plane, _digest, normals
+from testfield.simulate.observations import draw_observations
 
 SCENES = Path(__file__).parents[1] / "scenes"
 

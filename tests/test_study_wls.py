@@ -11,7 +11,6 @@ import pandas as pd
 import pytest
 import tomli_w
 
-from testfield.bench.drawn import draw_observations
 from testfield.detect.observations import Observations
 from testfield.errors import TestfieldError
 from testfield.reconstruct.estimate import Method, settle
@@ -26,6 +25,7 @@ from testfield.scene.schema import SceneFile
 from testfield.scene.truth import see
 from testfield.scene.world import World
 from testfield.score.scorecard import plain
+from testfield.simulate.observations import draw_observations
 from testfield.study.study import Findings, run_study
 from testfield.study.wls.cells import cells, ratio, told
 from testfield.study.wls.experiment import (

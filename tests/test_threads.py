@@ -10,7 +10,7 @@ import hashlib, sys
 from pathlib import Path
 from testfield.adjust import side_by_side
 side_by_side.THREADS, side_by_side.WORTH = int(sys.argv[2]), 0
-from testfield.bench.drawn import draw_observations
+from testfield.simulate.observations import draw_observations
 from testfield.chain.run import begin
 from testfield.chain.stages import run_stage
 folder = Path(sys.argv[1])

@@ -10,7 +10,6 @@ import pytest
 from test_reconstruction import BENT, around, calibration_of, noisy, seen
 
 from testfield.bench.claims import over_exposures, over_worlds
-from testfield.bench.drawn import bound_px2, draw_observations
 from testfield.chain.run import Run, begin, resume
 from testfield.chain.stages import STAGES, run_stage
 from testfield.chain.trials import Trials, reexposed
@@ -18,18 +17,19 @@ from testfield.cli.main import main
 from testfield.detect.observations import Observations
 from testfield.errors import TestfieldError
 from testfield.reconstruct.estimate import solve
-from testfield.registry import find
+from testfield.registry import find, known_of, names
 from testfield.scene.build import build_world
 from testfield.scene.truth import see
 from testfield.score.align import aligned_covariance
 from testfield.score.points import PointScore, score_points
 from testfield.seeds import normals
+from testfield.simulate.observations import bound_px2, draw_observations
 from testfield.statistics.consistency import nees_band
 from testfield.uncertainty import rays
 from testfield.uncertainty.certificates import draw_certificates, draw_pixels
 from testfield.uncertainty.monte_carlo import adaptive, of_few, tolerance, validate
 from testfield.uncertainty.propagation import Lengths, linear
-from testfield.uncertainty.rays import METHODS, RayTrials
+from testfield.uncertainty.rays import RayTrials
 from testfield.uncertainty.supplement2 import adaptive_regions, coverage_factor, ellipsoids, regions
 
 SCENES = Path(__file__).parents[1] / "scenes"
@@ -124,7 +124,14 @@ def network() -> tuple:
     return noisy(rows, 0.05, rng), field, calibration_of(BENT, stations, np.diag(sigma**2))
 
 
-@pytest.mark.parametrize("method", list(METHODS))
+OWN_METHODS = [name for name in names("reconstructors") if known_of("reconstructors", name, "trials")]
+
+
+def test_every_method_of_this_package_can_be_drawn_by_rays() -> None:
+    assert set(OWN_METHODS) == {"midpoint", "dlt", "dlt_p34", "parametric_wls", "gls", "ml", "bundle"}
+
+
+@pytest.mark.parametrize("method", OWN_METHODS)
 def test_rays_met_again_scatter_as_the_linear_result_says(method: str) -> None:
     rows, field, calibration = network()
     points = find("reconstructors", method)(rows, calibration, field)
@@ -145,7 +152,7 @@ def test_a_trial_is_the_reconstruction_of_its_pixels(method: str) -> None:
     sights = ready.solved.sights
     z = normals(6, "pixels", sights.xy_px.size).reshape(sights.xy_px.shape)
     shaken = replace(sights, xy_px=sights.xy_px + np.einsum("nkij,nkj->nki", np.linalg.cholesky(sights.cov_px2), z))
-    again = solve(shaken, exact, METHODS[method]).xyz_mm
+    again = solve(shaken, exact, known_of("reconstructors", method, "trials").method).xyz_mm
     assert np.abs(again - ready.xyz_mm).max() > 0.01
     assert np.allclose(drawn, again, rtol=0, atol=1e-4)  # weights and lines at the estimate: second order
 

@@ -1,61 +1,126 @@
-"""Truth flows along its own side only."""
+"""Which room may import which: no circle, no arrow that runs back up, and no way from the measuring side to the truth.
+
+Imports count wherever they stand: inside functions, under conditions, and relative ones.
+"""
 
 from pathlib import Path
 
 import pytest
 
-from testfield.chain.code import ROOT, imports
+from testfield.store.code import ROOT, imports
 
-MEASURING = ("detect", "calibrate", "adjust", "reconstruct", "uncertainty")
-TRUE_SIDE = ("scene", "render", "sensor", "score")
+GROUND = ("errors", "version", "seeds", "registry", "choices", "store")
+TYPES = ("targets", "camera")
+MEASURING = ("detect", "adjust", "calibrate", "reconstruct", "uncertainty", "measure")
+TRUE_SIDE = ("scene", "render", "sensor", "simulate", "score")
+RESULTS = (*GROUND, *TYPES, "statistics", *MEASURING, *TRUE_SIDE)
+"""All that a run is made of."""
+
+MAY_IMPORT: dict[str, tuple[str, ...]] = {
+    "errors": (),
+    "version": (),
+    "seeds": (),
+    "registry": ("errors",),
+    "choices": ("registry",),
+    "store": ("errors", "version"),
+    "statistics": ("errors", "seeds", "store"),
+    "targets": GROUND,
+    "camera": GROUND,
+    # The measuring side.
+    "detect": (*GROUND, *TYPES),
+    "adjust": (*GROUND, "camera"),
+    "calibrate": (*GROUND, *TYPES, "statistics", "detect", "adjust"),
+    "reconstruct": (*GROUND, *TYPES, "statistics", "detect", "adjust", "calibrate"),
+    "uncertainty": (*GROUND, *TYPES, "statistics", "detect", "calibrate", "reconstruct"),
+    "measure": (*GROUND, *TYPES, "statistics", "detect", "calibrate", "reconstruct", "uncertainty"),
+    # The truth.
+    "sensor": (*GROUND, "camera"),
+    "scene": (*GROUND, *TYPES, "sensor"),
+    "render": (*GROUND, *TYPES, "scene"),
+    "simulate": (*GROUND, *TYPES, "detect", "scene"),
+    # Both.
+    "score": (*GROUND, *TYPES, "statistics", *MEASURING, "scene"),
+    "report": (*GROUND, *TYPES, "statistics", *MEASURING, "scene", "score"),
+    "chain": (*RESULTS, "report"),
+    "evaluate": (*RESULTS, "report", "chain"),
+    "certify": (*RESULTS, "evaluate"),
+    "bench": (*RESULTS, "report", "chain", "evaluate", "certify"),
+    "study": (*RESULTS, "report", "chain", "evaluate", "bench"),
+    "api": (*RESULTS, "report", "chain", "evaluate"),
+    "cli": (*RESULTS, "report", "chain", "evaluate", "certify", "bench", "study", "api"),
+    "__init__": ("version", "api"),
+    "__main__": ("cli",),
+}
+"""What a room may import, rooms in their order: each stands on earlier ones only.
+
+A run writes its own page, so `report` stands under `chain`: it knows types and never runs anything.
+"""
+EXCEPTIONS = {("report/study.py", "study"): "the page of a study knows the study's types, which still live there"}
+"""Arrows that run back up, by file, and why."""
 
 
-def _rooms_reached(path: Path, seen: set[Path] | None = None) -> set[str]:
-    """Rooms that importing a file leads to, directly or through others."""
-    seen = set() if seen is None else seen
-    rooms: set[str] = set()
-    for name in imports(path):
-        parts = name.split(".")
-        if parts[0] != "testfield" or len(parts) < 2:
-            continue
-        rooms.add(parts[1])
-        base = ROOT.joinpath(*parts[1:])
-        for target in (base.with_suffix(".py"), base / "__init__.py", base.parent / "__init__.py"):
-            if target.is_file() and target not in seen:
-                seen.add(target)
-                rooms |= _rooms_reached(target, seen)
-    return rooms
+def room_of(path: Path) -> str:
+    """The folder or the module below the package that a file belongs to."""
+    return path.relative_to(ROOT).parts[0].removesuffix(".py")
+
+
+def rooms_imported(path: Path) -> set[str]:
+    """Rooms that a file imports, its own aside."""
+    names = [name.split(".") for name in imports(path)]
+    there = {parts[1] for parts in names if parts[0] == "testfield" and len(parts) > 1}
+    rooms = {name for name in there if (ROOT / name).is_dir() or (ROOT / f"{name}.py").is_file()}
+    return rooms - ({room_of(path)} if ROOT in path.parents else set())
+
+
+def test_every_room_is_in_the_table() -> None:
+    assert {room_of(path) for path in ROOT.rglob("*.py")} == set(MAY_IMPORT)
+
+
+def test_every_room_imports_only_what_the_table_allows() -> None:
+    wrong = [
+        f"{path.relative_to(ROOT)} -> {room}"
+        for path in sorted(ROOT.rglob("*.py"))
+        for room in sorted(rooms_imported(path))
+        if room not in MAY_IMPORT.get(room_of(path), ()) and (str(path.relative_to(ROOT)), room) not in EXCEPTIONS
+    ]
+    assert not wrong
+
+
+def test_the_table_has_no_circle_and_no_arrow_that_runs_back_up() -> None:
+    order = list(MAY_IMPORT)
+    for place, (room, below) in enumerate(MAY_IMPORT.items()):
+        assert set(below) <= set(order[:place]), room
+
+
+def test_every_exception_is_still_there() -> None:
+    for file, room in EXCEPTIONS:
+        assert room in rooms_imported(ROOT / file)
 
 
 @pytest.mark.parametrize("room", MEASURING)
 def test_the_measuring_side_never_reaches_the_truth(room: str) -> None:
-    files = list((ROOT / room).glob("*.py"))
-    assert len(files) > 2
-    for path in files:
-        assert not _rooms_reached(path) & set(TRUE_SIDE), path
+    reached, queue = set(), [room]
+    while queue:
+        below = set(MAY_IMPORT[queue.pop()]) - reached
+        reached |= below
+        queue += below
+    assert not reached & set(TRUE_SIDE)
 
 
 def test_only_render_imports_mitsuba_and_drjit() -> None:
     for path in ROOT.rglob("*.py"):
-        if path.parent.name != "render":
+        if room_of(path) != "render":
             assert not {name.split(".")[0] for name in imports(path)} & {"mitsuba", "drjit"}, path
 
 
-def test_targets_and_camera_know_no_other_room() -> None:
-    for room in ("targets", "camera"):
-        for path in (ROOT / room).glob("*.py"):
-            assert _rooms_reached(path) <= {room, "errors", "store", "version"}, path
+def test_an_import_inside_a_function_and_a_relative_one_are_seen(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import testfield.store.code as code
 
-
-def test_the_wall_would_be_seen_to_fall(tmp_path: Path) -> None:
-    spy = tmp_path / "spy.py"
-    spy.write_text("from testfield.score.camera import true_in_datum\n")
-    assert "scene" in _rooms_reached(spy)
-
-
-def test_a_relative_import_is_no_hole_in_the_wall(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    import testfield.chain.code as code
-
+    late = tmp_path / "late.py"
+    late.write_text("def f():\n    from testfield.score.camera import true_in_datum\n    return true_in_datum\n")
+    assert rooms_imported(late) == {"score"}
     monkeypatch.setattr(code, "ROOT", tmp_path / "testfield")
     spy = tmp_path / "testfield/detect/spy.py"
     spy.parent.mkdir(parents=True)

@@ -6,12 +6,12 @@ import cv2
 import numpy as np
 import pytest
 
-from testfield.bench.drawn_board import draw_board, facing
 from testfield.camera.photograph import photograph_of
 from testfield.cli.main import main
 from testfield.detect.observations import MEASURED
 from testfield.detect.photograph import Found, detect_in_photograph
 from testfield.detect.target_spec import parse_target
+from testfield.simulate.board_image import draw_board, facing
 from testfield.targets.board_pattern import BoardPattern, dictionary
 from testfield.targets.ring_code import code_words
 

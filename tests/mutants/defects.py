@@ -20,6 +20,7 @@ ACCEPT_PAGE = "tests/test_accept_by_hand.py::test_the_page_of_an_acceptance_show
 ACCEPT_SAID = "tests/test_accept_by_hand.py::test_the_console_of_an_acceptance_shows_these_figures"
 KEYS = "tests/test_keys.py::test_a_change_of_any_value_changes_the_keys_of_the_stages_that_depend_on_it"
 OWN_CODE = "tests/test_keys.py::test_every_stage_reacts_to_its_own_code_and_to_no_other"
+DOING = "tests/test_code_digest.py::test_constants_operators_defaults_calls_fields_and_names_count"
 OWN_FILE = "tests/test_keys.py::test_every_algorithm_counts_with_its_own_file"
 INPUTS = "tests/test_keys.py::test_inputs_that_are_sound_but_different_change_every_key"
 BLOCKS = "tests/test_draws.py::test_blocks_of_rays_are_different_draws"
@@ -554,13 +555,24 @@ CHAIN = [
         f"{KEYS}[base-measure]",
     ),
     Defect(
-        "calibrate forgets its code", "calibrate_key", "code_digest(module_of('calibrators', __m__))", "''", OWN_CODE
+        "calibrate forgets its code",
+        "calibrate_key",
+        "code_digest(module_of('calibrators', __m__), *__l__)",
+        "''",
+        OWN_CODE,
+    ),
+    Defect(
+        "calibrate forgets the lens' code",
+        "calibrate_key",
+        "code_digest(module_of('calibrators', __m__), *__l__)",
+        "code_digest(module_of('calibrators', __m__))",
+        OWN_CODE,
     ),
     Defect(
         "calibrate forgets what is held",
-        "calibrate_key",
-        "digest(code, __o__, __f__, recipe.calibrator)",
-        "digest(code, __o__, __f__, recipe.calibrator.name)",
+        "recipe_of",
+        "{'hold': asked.hold}",
+        "{}",
         f"{KEYS}[base-measure]",
     ),
     Defect(
@@ -602,9 +614,17 @@ CHAIN = [
     Defect(
         "only a module's own file counts",
         "sources",
-        "[name for name in imports(path) if name.split('.')[0] == 'testfield']",
+        "[other for other in imports(path) if other.split('.')[0] in known]",
         "[]",
         SOURCES,
+    ),
+    Defect("comments count as code", "code_digest", "what_it_does(content).encode()", "content", OWN_CODE),
+    Defect(
+        "annotations of what a class declares do not count",
+        "_WhatItDoes.visit_AnnAssign",
+        "self.in_class",
+        "False",
+        DOING,
     ),
 ]
 SEEDS = [

@@ -6,7 +6,7 @@ true lengths of the bars), which the sheets know with an uncertainty only. Both 
 the trials are not independent and their NEES has no band.
 
 `over_worlds` draws worlds by another seed each. To need no rendering, their pixels are drawn from the truth at the
-physical bound (`testfield.bench.drawn`); detection is left out.
+physical bound (`testfield.simulate.observations`); detection is left out.
 
 `over_exposures` exposes one rendered world again and again, and runs the whole chain on the new frames. The workshop
 is drawn anew without new pictures: each mark that was measured is shifted by the difference, mostly of thousandths of
@@ -24,7 +24,6 @@ import numpy as np
 
 from testfield.bench.claim_errors import GROUPS, errors_of
 from testfield.bench.claim_figures import Errors, Tally, claim_checks, summary
-from testfield.bench.drawn import draw_observations
 from testfield.camera.circle import disc_image
 from testfield.camera.project import project
 from testfield.chain.recipe import recipe_of
@@ -39,6 +38,7 @@ from testfield.scene.load import parse_scene
 from testfield.scene.world import World
 from testfield.score.points import score_points
 from testfield.seeds import seed_of
+from testfield.simulate.observations import draw_observations
 from testfield.store.digests import digest
 from testfield.store.kept import make_each
 from testfield.store.work import each

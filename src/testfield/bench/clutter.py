@@ -22,20 +22,10 @@ from testfield.targets.marks import RADII
 from testfield.targets.ring_code import BITS, code_words
 
 WIDTH_PX, HEIGHT_PX, FOCAL_PX = 1280, 960, 1600.0
-
-
 SIZES_PX = ((8.0, 12.0), (12.0, 20.0), (20.0, 36.0))
-
-
 """Diameters of the targets of a view, of the circle of the dot's area; views take turns."""
-
-
 LARGEST_TILT_DEG = 70.0
-
-
 BLUR_OF_SEGMENT, BLUR_OF_DOT = 0.29, 0.15
-
-
 """Largest blur, as parts of a segment's width in the ring's middle and of a dot's diameter: more blurred, no ring could
 be read, and an 8 px dot not be told from a square."""
 

@@ -41,8 +41,6 @@ class ClutterPanels:
 
 
 LIT_CORNER = 0.15
-
-
 """Part of the panels of which a lamp lights one corner more than twice as much."""
 
 

@@ -14,9 +14,9 @@ import numpy as np
 
 from testfield.bench.centring import BEST, SEED, Task, measure
 from testfield.bench.dots import Case
-from testfield.chain.code import code_digest
 from testfield.evaluate.check import Check, Limit
 from testfield.registry import module_of, names
+from testfield.store.code import code_digest
 from testfield.store.digests import digest
 from testfield.store.kept import make_each
 from testfield.store.ledger import Ledger
@@ -80,7 +80,8 @@ def run(tasks: Plan, folder: Path, tell: Callable[[str], None], jobs: int = 1) -
     """Measure what is not yet kept in `folder`, by so many processes; a run that was stopped goes on where it was, with
     the same figures."""
     ledger = Ledger(folder / KEPT)
-    source = code_digest("testfield.bench.centring", *sorted({module_of("centroids", n) for n in names("centroids")}))
+    algorithms = sorted({module_of("centroids", name) for name in names("centroids")})
+    source = code_digest("testfield.bench.centring", *algorithms, module_of("lenses", "brown"))
     keys = {task: digest(task, SEED, names("centroids"), source) for _, task in tasks}
     missing = [task for task, key in keys.items() if not ledger.fresh(file_name(task), key)]
     if kept := len(keys) - len(missing):

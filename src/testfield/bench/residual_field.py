@@ -3,7 +3,7 @@
     python -m testfield.bench.residual_field --draws 20 --rms 0 0.02 0.1 0.3
 
 Each draw has a field, a workshop and noise of its own. `--rendered` renders its images and detects what is in them;
-without it observations are drawn at the physical bound (`bench/drawn.py`), which takes a second instead of a minute.
+without it observations are drawn at the physical bound (`simulate/observations.py`): a second instead of a minute.
 """
 
 import argparse
@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from testfield.bench.drawn import draw_observations
 from testfield.chain.recipe import recipe_of
 from testfield.chain.run import Run, begin
 from testfield.chain.stages import run_stage
@@ -25,6 +24,7 @@ from testfield.score.camera import score_camera
 from testfield.score.points import score_points
 from testfield.score.scorecard import load_scorecard
 from testfield.seeds import seed_of
+from testfield.simulate.observations import draw_observations
 from testfield.store.text import write_text
 
 KINDS = ("rings", "dots", "checkerboard", "circles")

@@ -29,33 +29,15 @@ from testfield.calibrate.ties import Ties
 from testfield.targets.field import ScaleBar
 
 FALSE_ALARM = 0.001
-
-
 """Chance that any good certificate at all of a field is called wrong. Small, as in Baarda (1968): a good bar that is
 left out takes the scale with it, and certificates that are wrong are wrong by many times what they claim."""
-
-
 SCATTERED, CONTRADICT = 1.5, 3.0
-
-
 """How many times as much as they claim certificates scatter from which it is said, and from which they do not hold."""
-
-
 DOTS_MM = (0.1, 1000.0)
-
-
 """Between these are the diameters of targets that people print and stick; others make a length's unit doubtful."""
-
-
 BENT = 0.01
-
-
 """Part of their extent by which most certified places may miss the network before all of them are in doubt."""
-
-
 MOST_LEFT_OUT = {PLACE: 0.4, DISTANCE: 0.5}
-
-
 """Part of the certificates of a kind that may be wrong before nobody can say which are: two distances of four that
 agree confirm each other; three places of six, of which seven unknowns are determined, hardly do."""
 

@@ -16,18 +16,13 @@ from testfield.calibrate.rows import usable_rows
 from testfield.calibrate.start import Start, starting_network
 from testfield.calibrate.views import AXES, OWN_WORD, evaluated
 from testfield.camera.interior import PINHOLE
+from testfield.camera.lens import lens_model, lens_names
 from testfield.camera.pose import Poses, cross_matrix, nearest_rotation
 from testfield.detect.observations import Observations
 from testfield.errors import TestfieldError
 from testfield.registry import register
 from testfield.targets.field import Field
 
-MODELS = {
-    "brown": ("OPENCV", ("k1", "k2", "p1", "p2")),
-    "rational": ("FULL_OPENCV", ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")),
-    "fisheye": ("OPENCV_FISHEYE", ("k1", "k2", "k3", "k4")),
-}
-"""COLMAP's cameras and their coefficients in its order; all of them are always estimated."""
 LEAST_POINTS = 4
 
 
@@ -50,19 +45,21 @@ def colmap(
         import pycolmap
     except ImportError as error:
         raise TestfieldError("pycolmap is not installed", do="pip install 'testfield[peers]'") from error
-    if lens not in MODELS:
-        raise TestfieldError(f"COLMAP has no lens '{lens}'", "measure.lens", f"choose one of {', '.join(MODELS)}")
+    called = lens_model(lens).in_colmap
+    if called is None:
+        others = [name for name in lens_names() if lens_model(name).in_colmap]
+        raise TestfieldError(f"COLMAP has no lens '{lens}'", "measure.lens", f"choose one of {', '.join(others)}")
     rows, turned_down, notes = usable_rows(observations, field)
     start = starting_network(rows, replace(field, scale_bars=()), width_px, height_px, lens, hold)
     turned_down += left_out(rows, field, start.why)
-    own = (*PINHOLE, *MODELS[lens][1])
+    own = (*PINHOLE, *called.coefficients)
     missing = [name for name in start.network.interior.names if name not in (*own, *hold)]
     notes += start.notes + ([f"COLMAP's camera has no {', '.join(missing)}: held at zero"] if missing else [])
     strange = [name for name in hold if name in own]
     notes += [f"COLMAP cannot hold {', '.join(strange)}: estimated"] if strange else []
 
     loose, owner = _loose(start)
-    solved = _on_first_board(_solved(pycolmap, loose, lens, own), start, owner)
+    solved = _on_first_board(_solved(pycolmap, loose, called.name, own), start, owner)
     free = np.array([name in own for name in loose.interior.names])
     solved = replace(solved, cameras=(Camera.of(solved.interior, free),))
     labels = solved.labels(start.stations)
@@ -99,10 +96,10 @@ def _loose(start: Start) -> tuple[Network, tuple[np.ndarray, np.ndarray]]:
     return loose, (network.point_board[kept], network.point_mm[kept])
 
 
-def _solved(pycolmap: Any, network: Network, lens: str, own: Sequence[str]) -> Network:
+def _solved(pycolmap: Any, network: Network, model_name: str, own: Sequence[str]) -> Network:
     """The network at Ceres' minimum."""
     interior, count = network.interior, len(network.stations)
-    model, numbers = as_reconstruction(pycolmap, network, MODELS[lens][0], own)
+    model, numbers = as_reconstruction(pycolmap, network, model_name, own)
     tight = dict.fromkeys(("function_tolerance", "gradient_tolerance", "parameter_tolerance"), 1e-14)
     free_bundle(pycolmap, model, count, max_num_iterations=300, **tight).solve()
 

@@ -11,13 +11,13 @@ from testfield.adjust.network import HELD, Camera, Distances, Images, Network, i
 from testfield.adjust.normal import NormalEquations
 from testfield.calibrate.calibration import Calibration
 from testfield.calibrate.edges import left_out
-from testfield.calibrate.looks import PINHOLE_LIKE
 from testfield.calibrate.quality import board_quality, joints, residual_test
 from testfield.calibrate.rejections import of_joints
 from testfield.calibrate.rows import usable_rows
 from testfield.calibrate.start import starting_network
 from testfield.calibrate.views import AXES, LEAST_VARIANCE_PX2, evaluated
 from testfield.camera.interior import Interior
+from testfield.camera.lens import lens_model
 from testfield.camera.pose import Poses
 from testfield.detect.observations import Observations
 from testfield.errors import TestfieldError
@@ -75,7 +75,7 @@ def dlt(
         )
     which = np.array([i for i, _, _ in solved])
     K = np.mean(cameras, axis=0)
-    pinhole = np.array([K[0, 0], K[1, 1], K[0, 2], K[1, 2], *PINHOLE_LIKE[lens]])
+    pinhole = np.array([K[0, 0], K[1, 1], K[0, 2], K[1, 2], *lens_model(lens).pinhole])
     interior = Interior(width_px, height_px, pinhole, lens)
     u_camera = _scatter_of_mean(rigid, cameras, solved)
 

@@ -6,7 +6,6 @@ from testfield.camera.interior import Interior
 from testfield.camera.lens import distort
 from testfield.camera.rough_lens import RoughLens
 
-RADIAL = ("k1", "k2", "k3", "k4")
 STEEPEST = 4.0
 """Tangent of the angle to which a model is fitted: 76 degrees; beyond, polynomials of the tangent fail."""
 NODES = 50
@@ -15,10 +14,8 @@ NODES = 50
 def lens_start(interior: Interior, free: np.ndarray, rough: RoughLens) -> Interior:
     """The camera with those radial coefficients that are `free` (n,) fitted to a rough lens; all others, and all where
     that is a pinhole, stay as they are."""
-    names, model = interior.names, interior.lens
-    radial = [k for k, name in enumerate(names) if free[k] and name in RADIAL]
-    if interior.model == "rational":  # k4 to k6 are its denominator
-        radial = [k for k in radial if names[k] != "k4"]
+    model = interior.lens
+    radial = [k for k, name in enumerate(interior.names) if free[k] and name in model.radial_terms]
     if not rough.bends or not radial:
         return interior
     r = (np.arange(NODES) + 1) / NODES

@@ -11,19 +11,12 @@ from testfield.calibrate.homography import focal_length, image_middle, plane_pos
 from testfield.calibrate.imaging import Imaging, images_of, placed_on_rigs
 from testfield.calibrate.lens_start import lens_start
 from testfield.camera.interior import Interior, check_held
+from testfield.camera.lens import lens_model
 from testfield.camera.pose import Poses
 from testfield.detect.observations import Observations
 from testfield.errors import TestfieldError
 from testfield.targets.camera_sheet import DEFAULT_CAMERA, CameraSheet
 from testfield.targets.field import Field
-
-PINHOLE_LIKE = {
-    "brown": [0.0] * 5,
-    "brown_shear": [0.0] * 6,
-    "rational": [0.0] * 12,
-    "fisheye": [1 / 3, 2 / 15, 17 / 315, 62 / 2835],
-}
-"""Coefficients with which each model images as a pinhole does: homographies know nothing else."""
 
 Guess = Callable[[Edges, Observations, Field, np.ndarray], tuple[float, Poses]]
 """A first focal length in px and camera-from-board poses (E) of edges, the principal point given in px (2,)."""
@@ -138,7 +131,7 @@ def _first_camera(
 ) -> tuple[Interior, np.ndarray]:
     """A pinhole in the middle of the image, focal length 1, and which of its parameters are unknown."""
     interior = Interior(
-        width_px, height_px, np.array([1.0, 1.0, *image_middle(width_px, height_px), *PINHOLE_LIKE[lens]]), lens
+        width_px, height_px, np.array([1.0, 1.0, *image_middle(width_px, height_px), *lens_model(lens).pinhole]), lens
     )
     check_held(hold, lens)
     zero = np.array([name in hold for name in interior.names])

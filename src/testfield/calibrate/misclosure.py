@@ -16,8 +16,6 @@ from testfield.targets.field import ScaleBar
 
 U_DIAMETER = 0.07
 """Relative standard uncertainty of a scale by dots' diameters: what blur, paint and oblique views do to them."""
-
-
 DISTANCE, PLACE, DIAMETERS, PLACES = "distance", "place", "diameters", "places"
 
 

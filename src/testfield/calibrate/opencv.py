@@ -12,6 +12,7 @@ from testfield.calibrate.lens_start import lens_start
 from testfield.calibrate.rows import best_board, on_one_board, usable_rows
 from testfield.calibrate.views import from_views
 from testfield.camera.interior import Interior, check_held, parameter_names
+from testfield.camera.lens import NamesElsewhere, lens_model, lens_names
 from testfield.camera.pose import Poses
 from testfield.detect.observations import Observations
 from testfield.errors import TestfieldError
@@ -20,9 +21,8 @@ from testfield.targets.field import Field
 
 CRITERIA = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 1000, 1e-15)
 LEAST_VIEWS = 2
-ORDER = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4")
-"""OpenCV's coefficients in its order."""
-NEEDED = {"brown": 5, "rational": 12}
+FISHEYE, RATIONAL = "fisheye", "rational"
+"""Names of OpenCV's models beside its plain one (`NamesElsewhere.name`)."""
 OTHER_MODELS = cv2.CALIB_FIX_K4 | cv2.CALIB_FIX_K5 | cv2.CALIB_FIX_K6 | cv2.CALIB_FIX_S1_S2_S3_S4
 """Held by name: OpenCV 5's calibration with a released object estimates the sensor's tilt, asked for or not."""
 
@@ -52,7 +52,7 @@ def opencv(
         raise TestfieldError("OpenCV needs two views of boards, and there is one", do="add stations")
     objects, images = views_of(edges, rows, field)
     start, free = first_guess(edges, width_px, height_px, lens, hold)
-    if lens == "fisheye":
+    if names_of(lens).name == FISHEYE:
         interior, poses = _fisheye(objects, images, start, free)
     else:
         found = cv2.calibrateCamera(
@@ -61,6 +61,15 @@ def opencv(
         )  # fmt: skip
         interior, poses = camera_of(start, found[1], found[2]), poses_of(found[3], found[4])
     return from_views("opencv", interior, free, poses, edges, rows, field, turned_down, notes)
+
+
+def names_of(lens: str) -> NamesElsewhere:
+    """What OpenCV calls a lens model. Raises `TestfieldError` where it has no such lens."""
+    names = lens_model(lens).in_opencv
+    if names is None:
+        others = [name for name in lens_names() if lens_model(name).in_opencv]
+        raise TestfieldError(f"OpenCV has no lens '{lens}'", "measure.lens", f"choose one of {', '.join(others)}")
+    return names
 
 
 def views_of(edges: Edges, rows: Observations, field: Field) -> tuple[list[np.ndarray], list[np.ndarray]]:
@@ -77,8 +86,7 @@ def first_guess(
     edges: Edges, width_px: int, height_px: int, lens: str, hold: tuple[str, ...]
 ) -> tuple[Interior, np.ndarray]:
     """A camera with the homographies' focal length, and which parameters are to be estimated."""
-    if lens not in (*NEEDED, "fisheye"):
-        raise TestfieldError(f"OpenCV has no lens '{lens}'", "measure.lens", "choose brown, rational or fisheye")
+    names_of(lens)
     names = parameter_names(lens)
     check_held(hold, lens)
     middle = image_middle(width_px, height_px)
@@ -90,7 +98,7 @@ def first_guess(
 
 def flags_of(lens: str, hold: tuple[str, ...]) -> int:
     """OpenCV's flags that estimate a lens with the coefficients in `hold` at zero."""
-    flags = cv2.CALIB_RATIONAL_MODEL | cv2.CALIB_THIN_PRISM_MODEL if lens == "rational" else OTHER_MODELS
+    flags = cv2.CALIB_RATIONAL_MODEL | cv2.CALIB_THIN_PRISM_MODEL if names_of(lens).name == RATIONAL else OTHER_MODELS
     flags |= cv2.CALIB_FIX_TAUX_TAUY
     for name in hold:
         if name.startswith("k"):
@@ -107,14 +115,14 @@ def flags_of(lens: str, hold: tuple[str, ...]) -> int:
 
 
 def coefficients_of(interior: Interior) -> np.ndarray:
-    """The coefficients of a brown or a rational lens in OpenCV's order."""
+    """The coefficients in OpenCV's order."""
     given = dict(zip(interior.names, interior.parameters, strict=True))
-    return np.array([given[name] for name in ORDER[: NEEDED[interior.model]]])
+    return np.array([given[name] for name in names_of(interior.model).coefficients])
 
 
 def camera_of(start: Interior, matrix: np.ndarray, coefficients: np.ndarray) -> Interior:
     """The camera of OpenCV's matrix and coefficients."""
-    given = dict(zip(ORDER, np.ravel(coefficients), strict=False))
+    given = dict(zip(names_of(start.model).coefficients, np.ravel(coefficients), strict=False))
     pinhole = [matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]]
     return start.with_parameters(np.array(pinhole + [given[name] for name in start.names[4:]], float))
 

@@ -7,7 +7,16 @@ from testfield.adjust.network import HELD, Camera, Distances, Images, Network, i
 from testfield.calibrate.calibration import Calibration
 from testfield.calibrate.edges import Edges, board_edges, left_out
 from testfield.calibrate.homography import image_middle
-from testfield.calibrate.opencv import CRITERIA, NEEDED, camera_of, coefficients_of, first_guess, flags_of, poses_of
+from testfield.calibrate.opencv import (
+    CRITERIA,
+    FISHEYE,
+    camera_of,
+    coefficients_of,
+    first_guess,
+    flags_of,
+    names_of,
+    poses_of,
+)
 from testfield.calibrate.quality import board_quality, joints, residual_test
 from testfield.calibrate.rejections import of_joints
 from testfield.calibrate.rows import best_board, on_one_board, usable_rows
@@ -39,9 +48,10 @@ def opencv_ro(
     the same marks, so views that show few are left out, and of the others the marks they have in common are used.
     Raises `TestfieldError` where that leaves too little, and for a lens that this function of OpenCV does not have.
     """
-    if lens not in NEEDED:
-        raise TestfieldError(f"OpenCV releases no object with the lens '{lens}'", "measure.lens",
-                             f"choose {' or '.join(NEEDED)}")  # fmt: skip
+    if names_of(lens).name == FISHEYE:
+        raise TestfieldError(
+            f"OpenCV releases no object with the lens '{lens}'", "measure.lens", "choose another lens, as brown"
+        )
     rows, turned_down, notes = usable_rows(observations, field)
     rows, field = on_one_board(rows, field, best_board(rows, field, board))
     sheet = field.boards[0]

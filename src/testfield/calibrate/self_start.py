@@ -15,48 +15,22 @@ from testfield.adjust.network import Camera
 from testfield.calibrate.loose_network import loose_network
 from testfield.calibrate.ties import LEAST_COMMON, Ties
 from testfield.camera.interior import Interior
-from testfield.camera.lens import MODELS
+from testfield.camera.lens import lens_model
 from testfield.camera.pose import Poses
 from testfield.camera.project import plane_of, project_camera
 from testfield.camera.rays import meet_all
 from testfield.errors import TestfieldError
 
-FISHEYE_AS_PINHOLE = np.array([1 / 3, 2 / 15, 17 / 315, 62 / 2835])
-
-
-"""The tangent's series: with these coefficients a fisheye images as a pinhole does; with none, equal angles alike."""
-
-
 FOCAL_OVER_WIDTH = np.geomspace(0.45, 5, 9)
-
-
 PAIRS, PAIRS_TRIED = 3, 60
-
-
 BASE = 1000.0
-
-
 """Length of the first base: the scale is not known yet."""
-
-
 CAP = 0.01
-
-
 """A residual beyond this part of the image's width is as bad as any other, or as no ray at all."""
-
-
 ADJUSTED = 5
-
-
 """Trials that are adjusted."""
-
-
 PASSES = 5
-
-
 SQUARE = 1e-4
-
-
 """Standard deviation of fy / fx where pixels are taken to be square. A stiffer tie would hold the focal length, too,
 while steps are damped."""
 
@@ -95,8 +69,8 @@ def start_from_nothing(ties: Ties, width_px: int, height_px: int, lens: str, foc
     views = _Views.of(ties)
     middle = [(width_px - 1) / 2, (height_px - 1) / 2]
     focals = [focal_px] if focal_px else list(FOCAL_OVER_WIDTH * width_px)
-    shapes = [np.zeros(len(MODELS[lens].coefficients))]
-    shapes += [FISHEYE_AS_PINHOLE] if lens == "fisheye" else []
+    pinhole = lens_model(lens).pinhole
+    shapes = [np.zeros(len(pinhole)), *([pinhole] if pinhole.any() else [])]
     cameras = [
         Interior(width_px, height_px, np.array([f, f, *middle, *shape]), lens) for shape in shapes for f in focals
     ]

@@ -18,6 +18,7 @@ from testfield.calibrate.sheets import (
 )
 from testfield.calibrate.start import Start
 from testfield.calibrate.wrong_sheets import said_of, without_board, wrong_sheet
+from testfield.camera.interior import Interior
 from testfield.camera.project import directions
 from testfield.camera.rays import meet_rays
 from testfield.camera.several import by_camera
@@ -25,24 +26,12 @@ from testfield.detect.observations import Observations
 from testfield.errors import TestfieldError
 
 LOST = 0.5
-
-
 """Part of an image's observations the loss of which leaves nothing to believe of it."""
-
-
 ROUNDS = 12
-
-
 MISFIT_ROUNDS = 3
-
-
 EXPLAINED, EXPLAINED_PART = 4.0, 0.02
-
-
 """Variance factor that a misfit may leave, of what was called a wrong sheet or image, to be the explanation instead; or
 as a part of the factor without it."""
-
-
 SETTLED_PX = 1e-7
 
 
@@ -238,12 +227,14 @@ def _doubts(adjustment: Adjustment) -> list[str]:
     return [] if adjustment.converged else [f"the bundle had not converged after {adjustment.steps} steps"]
 
 
+def _coarse_unknowns(interior: Interior) -> np.ndarray:
+    """(n,) which parameters the focal length and the first radial coefficient are."""
+    return np.isin(interior.names, ("fx", "fy", *interior.lens.radial_terms[:1]))
+
+
 def _coarse(network: Network) -> Network:
     """The first adjustment: boards as on their sheets, a one-parameter lens, weights that forgive."""
-    cameras = tuple(
-        Camera.of(one.interior, one.unknown & np.array([name in ("fx", "fy", "k1") for name in one.interior.names]))
-        for one in network.cameras
-    )
+    cameras = tuple(Camera.of(one.interior, one.unknown & _coarse_unknowns(one.interior)) for one in network.cameras)
     on_boards = network.point_board[network.point] >= 0
     coarse = network.take(on_boards)
     return replace(

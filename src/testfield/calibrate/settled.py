@@ -8,8 +8,6 @@ from testfield.adjust.bundle import Adjustment
 from testfield.calibrate.misfit import NO_MISFIT, Misfit
 
 REJECT_SIGMA = 6.0
-
-
 """An observation is rejected whose residual is larger than this many of its own standard deviations."""
 
 

@@ -15,8 +15,6 @@ from testfield.calibrate.sheets import (
 from testfield.calibrate.start import Start
 
 LEAST_STRETCH = 1e-4
-
-
 """Part by which a sheet's spacing must be off to be called so."""
 
 

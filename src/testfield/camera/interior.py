@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from testfield.camera import smooth_field
-from testfield.camera.lens import MODELS, LensModel
+from testfield.camera.lens import LensModel, lens_model, lens_names
 from testfield.errors import TestfieldError, nearest
 from testfield.store.sheets import array
 
@@ -44,7 +44,7 @@ class Interior:
     @property
     def lens(self) -> LensModel:
         """The lens model's formulas."""
-        return MODELS[self.model]
+        return lens_model(self.model)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -126,8 +126,8 @@ class Interior:
     @staticmethod
     def from_json(data: dict) -> "Interior":
         """Inverse of `to_json`. Raises `ValueError` or `KeyError` where the table is no camera."""
-        if data["model"] not in MODELS:
-            raise ValueError(f"the lens model '{data['model']}' is none of {', '.join(MODELS)}")
+        if data["model"] not in lens_names():
+            raise ValueError(f"the lens model '{data['model']}' is none of {', '.join(lens_names())}")
         size = array([data["width_px"], data["height_px"]], "interior, width_px and height_px", 2, kind=int)
         if size.min() < 1 or size.max() > LARGEST_PX:
             raise ValueError(f"interior: sizes are from 1 to {LARGEST_PX} px")
@@ -142,12 +142,12 @@ class Interior:
 
 def parameter_names(model: str) -> tuple[str, ...]:
     """Names of a lens model's parameters, the four of the pinhole first."""
-    return (*PINHOLE, *MODELS[model].coefficients)
+    return (*PINHOLE, *lens_model(model).coefficients)
 
 
 def check_held(names: Iterable[str], model: str, where: str = "measure.hold") -> None:
     """Raise `TestfieldError` where coefficients that are to be held at zero are none of the lens model's."""
-    own = MODELS[model].coefficients
+    own = lens_model(model).coefficients
     for name in names:
         if name not in own:
             raise TestfieldError(f"the lens model '{model}' has no coefficient '{name}'", where, nearest(name, own))

@@ -16,46 +16,20 @@ from scipy.spatial import cKDTree
 from testfield.camera.rough_lens import RoughLens
 
 MISPLACED = 0.3
-
-
 """Part of the distance to the nearest mark by which a mark may miss its place: an exchanged number is off by all of it,
 distortion beyond the radial terms by less, whatever the number of pixels."""
-
-
 NEIGHBOURS = 16
-
-
 """Marks around one that say what the model leaves there: by a polynomial of the highest degree, up to the second, that
 their number and places determine."""
-
-
 STEADY = 0.25
-
-
 """Least singular value of a polynomial's terms, the neighbours' coordinates scaled to one, with which it is asked."""
-
-
 SAMPLES, FOLLOWED, ROUNDS = 48, 2, 3
-
-
 """Homographies of four marks that are tried, how many of the best are refined, and how often."""
-
-
 LEAST = 5
-
-
 TRIED = (-4.0, -3.0, -2.2, -1.6, -1.2, -0.9, -0.65, -0.45, -0.3, -0.2, -0.1, -0.05, 0.0, 0.05, 0.1, 0.2)
-
-
 """First radial terms that are tried, in units of the squared radius of the outermost observation."""
-
-
 HALVED = 0.5
-
-
 """Radial terms are used where they lower the residuals to this part, and so are no fit to noise."""
-
-
 MOST_VIEWS = 4
 
 
@@ -89,8 +63,6 @@ class PlaneImage:
 
 
 View = tuple[np.ndarray, np.ndarray]
-
-
 """Points (n, 2) of a plane in mm and the pixels (n, 2) where they were seen."""
 
 

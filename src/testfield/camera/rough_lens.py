@@ -6,11 +6,7 @@ import numpy as np
 
 FARTHEST = 1.2
 """Part of the outermost observation's radius to which the radial terms mean anything."""
-
-
 TERMS = 3
-
-
 NEWTON_STEPS = 6
 
 

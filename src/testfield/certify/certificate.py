@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from testfield.certify.verdict import Verdict
-from testfield.chain.code import PACKAGES, code_digest, package_version
-from testfield.errors import DAMAGE
 from testfield.scene.build import build_world
 from testfield.scene.load import load_scene
+from testfield.score.floor import renderer_digest
+from testfield.store.code import PACKAGES, package_version
 from testfield.store.stamp import stamp
 from testfield.store.text import read_text, write_text
 from testfield.version import __version__
@@ -43,11 +43,6 @@ def certify(scene: Path, quick: bool, tell: Callable[[Verdict], None]) -> dict[s
 def _plain(verdict: Verdict) -> dict[str, Any]:
     numbers = {"measured": float(verdict.measured), "limit": float(verdict.limit), "passed": verdict.passed}
     return vars(verdict) | numbers
-
-
-def renderer_digest() -> str:
-    """What the certificate vouches for: the source of the renderer and the sensor, and the packages under them."""
-    return code_digest("testfield.render.fast", "testfield.render.irradiance", "testfield.sensor.expose")
 
 
 def _measure(part: str, scene: Path, quick: bool) -> list[Verdict]:
@@ -88,30 +83,3 @@ def write_certificate(certificate: dict[str, Any], folder: Path) -> None:
     template = read_text(Path(__file__).with_name("certificate.html"))
     with whole(folder / "certificate.html") as path:
         write_text(path, environment.from_string(template).render(c=certificate))
-
-
-def floor_of(folder: Path) -> dict[str, Any] | None:
-    """The certificate beside a run's folder, as a report states it; None where there is none.
-
-    `valid` tells whether it was made with the renderer that is installed now.
-    """
-    path = folder.parent / "certificate.json"
-    try:
-        certificate = json.loads(read_text(path))
-        figures = {
-            f"{v['part']}: {v['name']}": {k: float(v[k]) for k in ("measured", "limit")} | {"unit": str(v["unit"])}
-            for v in certificate["verdicts"]
-        }
-        return {
-            "made": certificate["made"],
-            "passed": certificate["passed"],
-            "quick": certificate["quick"],
-            "valid": certificate["code"] == renderer_digest(),
-            "figures": figures,
-            "centre_floor_px": max(
-                (v["measured"] for name, v in figures.items() if v["unit"] == "px" and "rms" in name),
-                default=None,
-            ),
-        }
-    except DAMAGE:
-        return None

@@ -3,27 +3,12 @@
 import numpy as np
 
 from testfield.camera.interior import Interior
+from testfield.camera.lens import lens_model, lens_names
 from testfield.camera.project import directions, project_camera
 from testfield.certify.verdict import Verdict
 
 WIDTH_PX, HEIGHT_PX = 4096, 3000
 _CENTRE = [2041.0, 1507.0]
-LENSES = {
-    "brown, weak": ("brown", [8000, 8001, *_CENTRE, -0.08, 0.1, 0, 2e-4, -1e-4]),
-    "brown, strong": ("brown", [2400, 2403, *_CENTRE, -0.2, 0.09, -0.02, 1e-3, -8e-4]),
-    "brown_shear": ("brown_shear", [2400, 2403, *_CENTRE, -0.2, 0.09, -0.02, 1e-3, -8e-4, 3e-3]),
-    "rational": (
-        "rational",
-        [2600, 2610, *_CENTRE, -0.31, 0.08, 4e-4, -3e-4, 4e-3, -0.02, 0.01, 2e-3, 1e-3, -2e-4, -8e-4, 1e-4],
-    ),
-    "fisheye": ("fisheye", [1700, 1702, *_CENTRE, 0.02, -6e-3, 2e-3, -4e-4]),
-}  # fmt: skip
-FOLDING = {
-    "brown": [-0.5, 0, 0, 0, 0],
-    "brown_shear": [-0.5, 0, 0, 0, 0, 0.01],
-    "rational": [0, 0, 0, 0, 0, -0.25, 0, 0, 0, 0, 0, 0],
-    "fisheye": [-0.3, 0, 0, 0],
-}
 
 
 def certify_lens(quick: bool) -> list[Verdict]:
@@ -32,9 +17,10 @@ def certify_lens(quick: bool) -> list[Verdict]:
     grid = np.stack(np.meshgrid(np.arange(-0.5, WIDTH_PX, step), np.arange(-0.5, HEIGHT_PX, step)), -1).reshape(-1, 2)
     field = np.random.default_rng(0).normal(0, 0.1, (2, 6, 6))
     worst: dict[str, float] = {}
-    for name, (model, values) in LENSES.items():
+    for model, example, (fx, fy, *coefficients) in _examples():
+        name = f"{model}, {example}" if example else model
         for residual in (None, field):
-            camera = Interior(WIDTH_PX, HEIGHT_PX, np.array(values, float), model, residual)
+            camera = Interior(WIDTH_PX, HEIGHT_PX, np.array([fx, fy, *_CENTRE, *coefficients]), model, residual)
             error = np.abs(project_camera(camera, 5000 * directions(camera, grid)) - grid).max()
             worst[name] = max(worst.get(name, 0.0), float(error) if np.isfinite(error) else np.inf)
     verdicts = [
@@ -47,10 +33,18 @@ def certify_lens(quick: bool) -> list[Verdict]:
     ]
 
 
+def _examples() -> list[tuple[str, str, tuple[float, ...]]]:
+    """Lens model, name and values (fx, fy, coefficients) of all examples."""
+    return [(model, name, row) for model in lens_names() for name, row in lens_model(model).examples.items()]
+
+
 def _folded() -> int:
     """How many points beyond a model's reach, or behind the camera, are given a pixel."""
     given = 0
-    for model, coefficients in FOLDING.items():
+    for model in lens_names():
+        coefficients = lens_model(model).folding
+        if coefficients is None:
+            continue
         camera = Interior(WIDTH_PX, HEIGHT_PX, np.array([1000, 1000, *_CENTRE, *coefficients], float), model)
         reach = camera.lens.reach(camera.coefficients)
         angle = np.linspace(0, 2 * np.pi, 100)

@@ -8,14 +8,16 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from testfield.chain.code import code_digest
 from testfield.chain.recipe import recipe_of
 from testfield.registry import module_of
 from testfield.scene.exposure import sensor_of
 from testfield.scene.schema import SceneFile
 from testfield.scene.world import World
+from testfield.store.code import code_digest
 from testfield.store.digests import digest
 from testfield.targets.field import Field
+
+TRUTH_MODULES = ("testfield.scene.build", "testfield.scene.truth")
 
 
 @dataclass(frozen=True)
@@ -30,7 +32,8 @@ def render_keys(scene: SceneFile, world: World) -> RenderKeys:
     """Keys of `radiance/light.npz` and of every `radiance/STATION.exr`."""
     settings = scene.render
     renderers = ("view", "irradiance", "stage")
-    code = code_digest(*[f"testfield.render.{name}" for name in renderers], "testfield.seeds")
+    modules = [*(f"testfield.render.{name}" for name in renderers), "testfield.seeds"]
+    code = code_digest(*modules, module_of("lenses", world.interior.model))
     shapes = (world.panels, world.marks, world.dirt, world.prints, world.field.bits, world.meshes)
     materials = (world.retro, world.gloss, world.luminous_radiance)
     lights = (world.lights, world.point_lights, world.ambient_radiance, world.sky)
@@ -51,6 +54,13 @@ def render_keys(scene: SceneFile, world: World) -> RenderKeys:
         )
         keys[name] = digest(code, device, settings.mode, view, how)
     return RenderKeys(light_key, keys)
+
+
+def lens_modules(scene: SceneFile) -> list[str]:
+    """The modules of the lens models that a scene's cameras have and that it calibrates."""
+    calibrated = recipe_of(scene).lens
+    models = {camera.lens for camera in scene.cameras or (scene.camera,)} | ({calibrated} if calibrated else set())
+    return sorted(module_of("lenses", name) for name in models)
 
 
 def expose_key(scene: SceneFile, station: str, radiance: str, sensor_seed: int | None = None) -> str:
@@ -79,24 +89,24 @@ def without_cameras(field: Field) -> Field:
 def calibrate_key(scene: SceneFile, field: Field, observations: str) -> str:
     """Key of `calibration.json`, from observations of these bytes."""
     recipe = recipe_of(scene)
-    code = code_digest(module_of("calibrators", recipe.calibrator.name))
+    code = code_digest(module_of("calibrators", recipe.calibrator.name), *lens_modules(scene))
     return digest(code, observations, field, recipe.calibrator)
 
 
 def reconstruct_key(scene: SceneFile, field: Field, observations: str, calibration: str) -> str:
     """Key of `points.parquet`, from observations and a calibration of these bytes."""
     method = recipe_of(scene).reconstructor
-    code = code_digest(module_of("reconstructors", method.name))
+    code = code_digest(module_of("reconstructors", method.name), *lens_modules(scene))
     return digest(code, observations, calibration, without_cameras(field), method)
 
 
 def score_key(scene: SceneFile, world: World, measured: list[str], times: Mapping[str, float]) -> str:
     """Key of `scorecard.json`, from measured files of these bytes, and the times that it repeats."""
-    code = code_digest("testfield.score.scorecard", "testfield.scene.build", "testfield.scene.truth")
+    code = code_digest("testfield.score.scorecard", *TRUTH_MODULES, *lens_modules(scene))
     return digest(code, measured, scene.model_dump(), world.meshes, times)
 
 
 def report_key(scene: SceneFile, world: World, files: list[str], certificate: str) -> str:
     """Key of `report.html`, from a run's files and a certificate of these bytes (empty for none)."""
-    code = code_digest("testfield.report.page", "testfield.scene.build", "testfield.scene.truth")
+    code = code_digest("testfield.report.page", *TRUTH_MODULES, *lens_modules(scene))
     return digest(code, files, scene.model_dump(), world.meshes, certificate)

@@ -13,11 +13,10 @@ from pathlib import Path
 import tomli_w
 
 from testfield.camera.interior import check_held
-from testfield.chain.code import PACKAGES, code_digest, package_version
 from testfield.chain.recipe import recipe_of
 from testfield.chain.truth import Truth
 from testfield.errors import TestfieldError, gather, nearest
-from testfield.registry import STAGES, find, names
+from testfield.registry import ALGORITHMS, find, names
 from testfield.scene import meshes, sky
 from testfield.scene.load import load_scene, numbered, parse_scene
 from testfield.scene.room_parts import MapPart
@@ -27,6 +26,7 @@ from testfield.scene.truth import Views
 from testfield.scene.world import World
 from testfield.score.scorecard import load_scorecard
 from testfield.store.atomic import part_path, sweep
+from testfield.store.code import PACKAGES, code_digest, package_version
 from testfield.store.digests import digest, file_digest
 from testfield.store.ledger import Ledger, inside
 from testfield.store.stamp import now
@@ -172,7 +172,7 @@ def _write(path: Path, content: bytes) -> None:
 
 def check_algorithms(scene: SceneFile, source: str) -> None:
     """Raise `TestfieldError` where the scene asks for an algorithm or a coefficient that nobody knows."""
-    gather(*(partial(_check_known, scene, stage, source) for stage in STAGES))
+    gather(*(partial(_check_known, scene, stage, source) for stage in ALGORITHMS))
     for camera in scene.cameras or (scene.camera,):
         check_held(scene.measure.hold, scene.measure.lens or camera.lens, f"{source}, measure.hold")
     _check_board(scene, source)

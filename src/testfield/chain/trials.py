@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from testfield.calibrate.calibration import Calibration
-from testfield.chain.code import code_digest
+from testfield.chain.keys import lens_modules
 from testfield.chain.recipe import recipe_of
 from testfield.chain.run import Run
 from testfield.detect.observations import Observations
@@ -22,6 +22,7 @@ from testfield.measure.pipeline import measure
 from testfield.reconstruct.points import Points
 from testfield.registry import module_of
 from testfield.seeds import seed_of
+from testfield.store.code import code_digest
 from testfield.store.digests import digest, file_digest
 from testfield.store.threads import one_blas_thread
 
@@ -69,10 +70,9 @@ class Trials:
             for part in run.truth.parts:
                 sensor = {**part.scene.sensor.model_dump(), "exposure": part.scene.exposure.model_dump()}
                 names += [repr(sensor), repr(part.scene.camera.model_dump())]
-        return digest(
-            code_digest(*sorted(modules)), [file_digest(path) for path in inputs], run.field, run.scene.seed,
-            asked.model_dump(), names,
-        )  # fmt: skip
+        code = code_digest(*sorted(modules), *lens_modules(run.scene))
+        files = [file_digest(path) for path in inputs]
+        return digest(code, files, run.field, run.scene.seed, asked.model_dump(), names)
 
     def block(self, number: int) -> np.ndarray:
         """(BLOCK, n, 3) positions of one block of the depth `rays`."""

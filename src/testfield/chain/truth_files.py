@@ -5,9 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
-from testfield.chain.code import code_digest
+from testfield.chain.keys import TRUTH_MODULES, lens_modules
 from testfield.chain.run import Run
 from testfield.scene.world import ROLES
+from testfield.store.code import code_digest
 from testfield.store.digests import digest
 from testfield.store.sheets import FORMAT
 from testfield.store.text import write_text
@@ -17,9 +18,7 @@ NOTES = {"format": str(FORMAT)}
 
 def write_truth(run: Run) -> None:
     """Write the truth of a run, unless it is there."""
-    key = digest(
-        code_digest("testfield.scene.build", "testfield.scene.truth"), run.scene.model_dump(), run.world.meshes
-    )
+    key = digest(code_digest(*TRUTH_MODULES, *lens_modules(run.scene)), run.scene.model_dump(), run.world.meshes)
     run.ledger.make("truth/marks.parquet", key, lambda path: _marks(run, path))
     run.ledger.make("truth/views.parquet", key, lambda path: _views(run, path))
     run.ledger.make("truth/camera.json", key, lambda path: _camera(run, path))

@@ -3,7 +3,7 @@
 import argparse
 from typing import Any
 
-KINDS = ("scenes", "centroids", "calibrators", "reconstructors", "sensors")
+KINDS = ("scenes", "centroids", "calibrators", "reconstructors", "lenses", "sensors")
 
 
 def add(commands: Any) -> None:

@@ -9,6 +9,8 @@ from testfield.cli.show import add_strict
 
 def add(commands: Any) -> None:
     """Enter the command."""
+    from testfield.registry import names
+
     p = commands.add_parser(
         "measure",
         help="photographs of coded targets: camera, coordinates, lengths, with their covariance",
@@ -19,7 +21,7 @@ def add(commands: Any) -> None:
     p.add_argument("images", type=Path, nargs="+", metavar="IMAGE", help="images, or folders of them")
     p.add_argument("--field", type=Path, required=True, metavar="FIELD.toml", help="targets, and what is certified")
     p.add_argument("--out", type=Path, metavar="FOLDER", help="where everything goes (default: renders/measure)")
-    p.add_argument("--lens", choices=("brown", "rational", "fisheye"), default="brown", help="lens model")
+    p.add_argument("--lens", choices=names("lenses"), default="brown", help="lens model")
     p.add_argument("--hold", default="", metavar="NAMES", help="lens coefficients held at zero: k3,p1,p2")
     p.add_argument(
         "--by-folder", action="store_true",

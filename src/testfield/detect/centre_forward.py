@@ -45,32 +45,14 @@ from testfield.detect.light import local_gradients
 from testfield.registry import register
 
 ROUNDS = 12
-
-
 FIRST_BLUR_PX = 0.6
-
-
 _HARMLESS = np.array([0, 0, 2.0, 0, 2.0, 1.0, -1.0, 0, 0, 0, 0, 0])
-
-
 """Parameters that keep a lost dot from disturbing the others of its batch; its contrast says that it is lost."""
-
-
 UNQUIET = 0.02
-
-
 """Scatter beside a dot, in units of its contrast, above which something may lie there."""
-
-
 WORST_PX = 0.5
-
-
 """Standard uncertainty at which a dot counts as not measured."""
-
-
 CONTRADICTION = 18.5
-
-
 """Chi-squared of four degrees of freedom, at 0.1 %, above which a dot's own gradients refuse its neighbours'."""
 
 

@@ -8,9 +8,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from testfield.chain.code import code_digest, package_version, sources
 from testfield.evaluate.case import Case
 from testfield.registry import announced
+from testfield.store.code import code_digest, package_version, sources
 from testfield.store.digests import digest
 from testfield.store.text import read_text
 

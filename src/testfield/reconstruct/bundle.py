@@ -11,8 +11,8 @@ import numpy as np
 
 from testfield.calibrate.calibration import Calibration
 from testfield.detect.observations import Observations
-from testfield.reconstruct.estimate import Method, Solved, estimate_of, settle, solve, to_meet
-from testfield.reconstruct.gls import all_together
+from testfield.reconstruct.estimate import Solved, Trials, estimate_of, settle, solve, to_meet
+from testfield.reconstruct.gls import CORRELATED
 from testfield.reconstruct.ml import REPROJECTION
 from testfield.reconstruct.points import Points
 from testfield.reconstruct.sights import sights_of
@@ -20,21 +20,21 @@ from testfield.registry import register
 from testfield.targets.field import Field
 
 
-@register("reconstructors", "bundle")
+@register("reconstructors", "bundle", trials=Trials(REPROJECTION, screened_by=CORRELATED, moves_cameras=True))
 def bundle(observations: Observations, calibration: Calibration, field: Field) -> Points:
     """Points and cameras in one adjustment, the calibration's covariance as the cameras' prior."""
     # Which rays are wrong is asked with the cameras' correlation; the rest is one linear step from the ML points.
     sights = sights_of(observations, calibration, field)
-    sound = settle(to_meet(sights, calibration), calibration, Method("gls", all_together))
+    sound = settle(to_meet(sights, calibration), calibration, CORRELATED)
     solved = replace(solve(sound.sights, calibration, REPROJECTION), rejected=sound.rejected)
     estimate = estimate_of(solved, sights, calibration)
-    information, right = _of_calibration(solved)
-    posterior = _posterior(calibration.covariance, information)
+    information, right = information_of_cameras(solved)
+    posterior = posterior_of(calibration.covariance, information)
     moved = (estimate.by_calibration @ (posterior @ right)).reshape(-1, 3)
     return replace(estimate, xyz_mm=estimate.xyz_mm + moved).points("bundle", posterior)
 
 
-def _of_calibration(solved: Solved) -> tuple[np.ndarray, np.ndarray]:
+def information_of_cameras(solved: Solved) -> tuple[np.ndarray, np.ndarray]:
     """What the residuals of all points tell of the calibration's unknowns: normal matrix (P, P) and right side (P,)."""
     n, k = solved.sights.there.shape
     unknowns = solved.rays.by_calibration.shape[-1]
@@ -50,7 +50,7 @@ def _of_calibration(solved: Solved) -> tuple[np.ndarray, np.ndarray]:
     return flat.T @ flat, flat.T @ v.ravel()
 
 
-def _posterior(prior: np.ndarray, information: np.ndarray) -> np.ndarray:
+def posterior_of(prior: np.ndarray, information: np.ndarray) -> np.ndarray:
     """Covariance after information was added to a prior that may be singular."""
     size = len(prior)
     posterior = np.linalg.solve(np.eye(size) + prior @ information, prior)

@@ -9,7 +9,7 @@ import numpy as np
 
 from testfield.calibrate.calibration import Calibration
 from testfield.detect.observations import Observations
-from testfield.reconstruct.estimate import Method, reconstruct
+from testfield.reconstruct.estimate import Method, Trials, reconstruct
 from testfield.reconstruct.points import Points
 from testfield.reconstruct.sights import Rays, Sights
 from testfield.registry import register
@@ -28,13 +28,19 @@ def by_last_element(sights: Sights, rays: Rays, calibration: Calibration) -> np.
     return in_pixels(sights, rays, calibration) / (last**2)[..., None, None]
 
 
-@register("reconstructors", "dlt")
+IN_PIXELS = Method("dlt", in_pixels)
+
+
+@register("reconstructors", "dlt", trials=Trials(IN_PIXELS))
 def dlt(observations: Observations, calibration: Calibration, field: Field) -> Points:
     """The direct linear transformation with projection matrices of ||m3|| = 1."""
-    return reconstruct(observations, calibration, field, Method("dlt", in_pixels))
+    return reconstruct(observations, calibration, field, IN_PIXELS)
 
 
-@register("reconstructors", "dlt_p34")
+BY_LAST_ELEMENT = Method("dlt_p34", by_last_element)
+
+
+@register("reconstructors", "dlt_p34", trials=Trials(BY_LAST_ELEMENT))
 def dlt_p34(observations: Observations, calibration: Calibration, field: Field) -> Points:
     """The direct linear transformation with projection matrices of p34 = 1."""
-    return reconstruct(observations, calibration, field, Method("dlt_p34", by_last_element))
+    return reconstruct(observations, calibration, field, BY_LAST_ELEMENT)

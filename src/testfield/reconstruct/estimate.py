@@ -37,6 +37,19 @@ class Method:
 
 
 @dataclass(frozen=True)
+class Trials:
+    """How the points of thousands of trials are met again at once (`uncertainty/rays.py`), told at registration.
+
+    By a `method`, with those rays that `screened_by` finds sound, absent the same method. With `moves_cameras` the
+    residuals of all points move the cameras too, and with them the points.
+    """
+
+    method: Method
+    screened_by: Method | None = None
+    moves_cameras: bool = False
+
+
+@dataclass(frozen=True)
 class Solved:
     """Points of sights: `xyz_mm` (n, 3), the `rays` linearised there, and the `gain` (n, 3, 2k) on their pixels."""
 

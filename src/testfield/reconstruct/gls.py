@@ -4,7 +4,7 @@ import numpy as np
 
 from testfield.calibrate.calibration import Calibration
 from testfield.detect.observations import Observations
-from testfield.reconstruct.estimate import Method, reconstruct
+from testfield.reconstruct.estimate import Method, Trials, reconstruct
 from testfield.reconstruct.points import Points
 from testfield.reconstruct.sights import Rays, Sights
 from testfield.registry import register
@@ -25,7 +25,10 @@ def all_together(sights: Sights, rays: Rays, calibration: Calibration) -> np.nda
     return np.linalg.inv(covariance)
 
 
-@register("reconstructors", "gls")
+CORRELATED = Method("gls", all_together)
+
+
+@register("reconstructors", "gls", trials=Trials(CORRELATED))
 def gls(observations: Observations, calibration: Calibration, field: Field) -> Points:
     """Generalised least squares: weights from image noise and from the calibration, cameras correlated."""
-    return reconstruct(observations, calibration, field, Method("gls", all_together))
+    return reconstruct(observations, calibration, field, CORRELATED)

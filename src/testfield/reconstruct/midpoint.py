@@ -4,7 +4,7 @@ import numpy as np
 
 from testfield.calibrate.calibration import Calibration
 from testfield.detect.observations import Observations
-from testfield.reconstruct.estimate import Method, reconstruct
+from testfield.reconstruct.estimate import Method, Trials, reconstruct
 from testfield.reconstruct.points import Points
 from testfield.reconstruct.sights import Rays, Sights
 from testfield.registry import register
@@ -17,7 +17,10 @@ def unweighted(sights: Sights, rays: Rays, calibration: Calibration) -> np.ndarr
     return np.linalg.inv(np.where(sights.there[..., None, None], square, np.eye(2)))
 
 
-@register("reconstructors", "midpoint")
+UNWEIGHTED = Method("midpoint", unweighted)
+
+
+@register("reconstructors", "midpoint", trials=Trials(UNWEIGHTED))
 def midpoint(observations: Observations, calibration: Calibration, field: Field) -> Points:
     """The point nearest to all rays, every ray counting the same; its covariance includes what that ignores."""
-    return reconstruct(observations, calibration, field, Method("midpoint", unweighted))
+    return reconstruct(observations, calibration, field, UNWEIGHTED)

@@ -4,7 +4,7 @@ import numpy as np
 
 from testfield.calibrate.calibration import Calibration
 from testfield.detect.observations import Observations
-from testfield.reconstruct.estimate import Method, reconstruct
+from testfield.reconstruct.estimate import Method, Trials, reconstruct
 from testfield.reconstruct.points import Points
 from testfield.reconstruct.sights import Rays, Sights
 from testfield.registry import register
@@ -19,7 +19,7 @@ def by_noise(sights: Sights, rays: Rays, calibration: Calibration) -> np.ndarray
 REPROJECTION = Method("ml", by_noise, reprojected=True)
 
 
-@register("reconstructors", "ml")
+@register("reconstructors", "ml", trials=Trials(REPROJECTION))
 def ml(observations: Observations, calibration: Calibration, field: Field) -> Points:
     """The least weighted reprojection error, cameras taken as they are; the covariance knows that they are not."""
     return reconstruct(observations, calibration, field, REPROJECTION)

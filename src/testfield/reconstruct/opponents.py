@@ -12,8 +12,8 @@ import numpy as np
 from testfield.calibrate.calibration import Calibration
 from testfield.detect.observations import Observations
 from testfield.errors import TestfieldError
-from testfield.reconstruct.estimate import Method, Solved, estimate_of, settle, to_meet
-from testfield.reconstruct.midpoint import unweighted
+from testfield.reconstruct.estimate import Solved, estimate_of, settle, to_meet
+from testfield.reconstruct.midpoint import UNWEIGHTED
 from testfield.reconstruct.points import Points
 from testfield.reconstruct.sights import rays_of, sights_of
 from testfield.registry import register
@@ -31,7 +31,7 @@ def by_opponent(
 ) -> Points:
     """Loose targets as points by somebody else's function."""
     seen = sights_of(observations, calibration, field)
-    near = settle(to_meet(seen, calibration), calibration, Method("midpoint", unweighted))
+    near = settle(to_meet(seen, calibration), calibration, UNWEIGHTED)
     sights, rays = near.sights, near.rays
     n, k = sights.there.shape
     poses = calibration.stations

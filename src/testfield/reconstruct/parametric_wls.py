@@ -5,7 +5,7 @@ import numpy as np
 
 from testfield.calibrate.calibration import Calibration
 from testfield.detect.observations import Observations
-from testfield.reconstruct.estimate import Method, pixel_covariance, reconstruct
+from testfield.reconstruct.estimate import Method, Trials, pixel_covariance, reconstruct
 from testfield.reconstruct.points import Points
 from testfield.reconstruct.sights import Rays, Sights
 from testfield.registry import register
@@ -24,7 +24,10 @@ def line_weights(sights: Sights, rays: Rays, cov_px2: np.ndarray) -> np.ndarray:
     return np.where(there, np.linalg.inv(np.where(there, covariance, np.eye(2))), 0)
 
 
-@register("reconstructors", "parametric_wls")
+BY_RAY = Method("parametric_wls", by_ray)
+
+
+@register("reconstructors", "parametric_wls", trials=Trials(BY_RAY))
 def parametric_wls(observations: Observations, calibration: Calibration, field: Field) -> Points:
     """Weights from image and projection matrix, each ray by itself: the thesis' method."""
-    return reconstruct(observations, calibration, field, Method("parametric_wls", by_ray))
+    return reconstruct(observations, calibration, field, BY_RAY)

@@ -14,8 +14,6 @@ from testfield.render.vignetting import Vignetting, vignettes
 from testfield.scene.world import World
 
 NEWTON_STEPS, ANGLE_STEPS = 6, 12
-
-
 FIELD_STEPS = 3
 
 

@@ -10,7 +10,6 @@ from testfield.calibrate.calibration import Calibration
 from testfield.calibrate.one_of_several import of_camera
 from testfield.calibrate.rejections import lossy
 from testfield.camera.images import Frame
-from testfield.certify.certificate import floor_of
 from testfield.detect.observations import MEASURED, Observations
 from testfield.reconstruct.points import Points
 from testfield.report import figures
@@ -19,6 +18,7 @@ from testfield.scene.schema import SceneFile
 from testfield.scene.truth import Views
 from testfield.scene.world import World
 from testfield.score.detection import score_detection
+from testfield.score.floor import floor_of
 from testfield.score.points import score_points
 from testfield.score.scorecard import load_scorecard, ten_figures
 from testfield.store.text import write_text

@@ -7,6 +7,7 @@ from pydantic import (
     model_validator,
 )
 
+from testfield.choices import LensName
 from testfield.scene.fields import Name, Pair, Part, PositiveFloat, PresetName, Vector3
 
 
@@ -52,7 +53,7 @@ class CameraPart(Part):
     focal_length_mm: float = Field(12.0, gt=1, lt=2000, description="Principal distance.")
     aspect: float = Field(1.0, gt=0.5, lt=2, description="fy / fx.")
     principal_point_offset_px: Pair = Field((0, 0), description="Principal point minus the image's middle, x and y.")
-    lens: Literal["brown", "brown_shear", "rational", "fisheye"] = Field(
+    lens: LensName = Field(
         "brown",
         description="brown (k1 k2 k3 p1 p2), brown_shear (the same with the sensor's axes out of square), rational "
         "(OpenCV's 12 coefficients), fisheye (Kannala-Brandt k1-k4).",

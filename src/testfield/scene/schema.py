@@ -9,6 +9,7 @@ from pydantic import (
     model_validator,
 )
 
+from testfield.choices import LensName
 from testfield.scene.board_parts import BoardPart
 from testfield.scene.camera_parts import (
     CameraPart,
@@ -60,9 +61,7 @@ class MeasurePart(Part):
 
     centroid: str = Field("forward_model", description="Centroid estimator.")
     calibrator: str = Field("stitched", description="Calibration method.")
-    lens: Literal["brown", "brown_shear", "rational", "fisheye"] | None = Field(
-        None, description="Lens model to calibrate; absent, that of the camera."
-    )
+    lens: LensName | None = Field(None, description="Lens model to calibrate; absent, that of the camera.")
     hold: tuple[str, ...] = Field((), description="Parameters of the calibrated lens that are held at zero, as k5.")
     board: str | None = Field(
         None, description="The board that is calibrated with, for zhang, opencv and opencv_ro; absent, the best seen."

@@ -3,7 +3,7 @@
 import numpy as np
 
 from testfield.camera.interior import Interior, parameter_names
-from testfield.camera.lens import MODELS
+from testfield.camera.lens import all_coefficients
 from testfield.camera.motion import Motion, Twist
 from testfield.camera.optics import Optics, entrance_pupil_mm
 from testfield.errors import TestfieldError
@@ -13,8 +13,6 @@ from testfield.scene.world import (
     RingFlash,
 )
 from testfield.seeds import Plane
-
-ALL_COEFFICIENTS = {name for model in MODELS.values() for name in model.coefficients}
 
 
 def flash(scene: SceneFile) -> RingFlash | None:
@@ -32,8 +30,8 @@ def true_interior(scene: SceneFile) -> Interior:
     middle = ((camera.width_px - 1) / 2, (camera.height_px - 1) / 2)
     cx, cy = (m + offset for m, offset in zip(middle, camera.principal_point_offset_px, strict=True))
     names = parameter_names(camera.lens)
-    for name in ALL_COEFFICIENTS - set(names):
-        if getattr(camera, name) != 0:
+    for name in all_coefficients() - set(names):
+        if getattr(camera, name, 0) != 0:
             raise TestfieldError(
                 f"value {getattr(camera, name)}: the lens model '{camera.lens}' has no such coefficient",
                 f"camera.{name}",

@@ -65,25 +65,12 @@ class ScaleBar:
 
 
 TIME = 100_000
-
-
 """More than the highest code: what a moved target's code grows by with every time."""
 
 
 def code_at(code: Any, time: Any) -> Any:
     """The code under which a moved target is known at a time: a point of its own."""
     return code + TIME * time
-
-
-@dataclass(frozen=True)
-class Wand:
-    """Three or more coded targets on a line, `codes` at `at_mm` from the first, which stays in one place while the wand
-    turns about it; `u_mm` is each distance's standard uncertainty."""
-
-    name: str
-    codes: tuple[int, ...]
-    at_mm: tuple[float, ...]
-    u_mm: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -114,7 +101,6 @@ class Field:
     white_on_black: bool = True
     u_scale: float = 0.0
     code_radii: str = USUAL
-    wands: tuple[Wand, ...] = ()
     measuring_lines: tuple[MeasuringLine, ...] = ()
     cameras: tuple[CameraSheet, ...] = ()
     rigs: tuple[RigSheet, ...] = ()
@@ -183,7 +169,6 @@ class Field:
             "boards": boards,
             "scale_bars": bars,
             "loose_diameter_mm": {str(code): d for code, d in self.loose.items()},
-            **({"wands": [asdict(wand) for wand in self.wands]} if self.wands else {}),
             **({"measuring_lines": [asdict(line) for line in self.measuring_lines]} if self.measuring_lines else {}),
             **tables_of(self.cameras, self.rigs),
         }
@@ -196,11 +181,10 @@ class Field:
         sheet = checked(FieldSheet, read_json(path))
         boards = tuple(_board(b, sheet.bits) for b in sheet.boards)
         bars = tuple(ScaleBar(b.name, b.role, b.codes, b.length_mm, b.u_length_mm, b.moved) for b in sheet.scale_bars)
-        wands = tuple(Wand(w.name, w.codes, w.at_mm, w.u_mm) for w in sheet.wands)
         lines = tuple(MeasuringLine(v.name, v.codes, v.length_mm, v.u_length_mm) for v in sheet.measuring_lines)
         if sheet.code_radii not in RADII:
             raise ValueError(f"code_radii '{sheet.code_radii}' is none of {', '.join(RADII)}")
-        for what, named in (("board", boards), ("bar", bars), ("wand", wands), ("measuring line", lines)):
+        for what, named in (("board", boards), ("bar", bars), ("measuring line", lines)):
             unique([one.name for one in named], what)
         cameras, rigs = cameras_of(sheet.cameras, sheet.rigs)
         return Field(
@@ -211,7 +195,6 @@ class Field:
             white_on_black=sheet.white_on_black,
             u_scale=sheet.u_scale,
             code_radii=sheet.code_radii,
-            wands=wands,
             measuring_lines=lines,
             cameras=cameras,
             rigs=rigs,

@@ -15,6 +15,7 @@ from pydantic import (
     model_validator,
 )
 
+from testfield.choices import LensName
 from testfield.store.faults import faults_of
 from testfield.store.text import decoded
 from testfield.store.toml import parse_toml, read_toml
@@ -106,9 +107,7 @@ class CameraPart(_Part):
     name: str = Field(min_length=1, description="Its name.")
     folder: str = Field("", description="The folder of its photographs as it is called on the command line; absent, "
                         "one of its name.")  # fmt: skip
-    lens: Literal["brown", "brown_shear", "rational", "fisheye"] | None = Field(
-        None, description="Its lens model; absent, that of the command line."
-    )
+    lens: LensName | None = Field(None, description="Its lens model; absent, that of the command line.")
 
 
 class RigPart(_Part):

@@ -9,14 +9,8 @@ from testfield.targets.camera_sheet import CameraTable, RigTable
 from testfield.targets.marks import USUAL
 
 Millimetres = Annotated[float, pydantic.Field(ge=-LARGEST_MM, le=LARGEST_MM)]
-
-
 Length = Annotated[float, pydantic.Field(gt=0, le=LARGEST_MM)]
-
-
 Uncertainty = Annotated[float, pydantic.Field(ge=0, le=LARGEST_MM)]
-
-
 Triple = tuple[Millimetres, Millimetres, Millimetres]
 
 
@@ -62,13 +56,6 @@ class _BarSheet(Sheet):
     moved: bool = False
 
 
-class _WandSheet(Sheet):
-    name: str
-    codes: tuple[Count, ...]
-    at_mm: tuple[Uncertainty, ...]
-    u_mm: Uncertainty = 0.0
-
-
 class _LineSheet(Sheet):
     name: str
     codes: tuple[Count, ...]
@@ -92,7 +79,6 @@ class FieldSheet(Sheet):
     boards: list[BoardSheet]
     scale_bars: list[_BarSheet]
     loose_diameter_mm: dict[Count, Length]
-    wands: tuple[_WandSheet, ...] = ()
     measuring_lines: tuple[_LineSheet, ...] = ()
     cameras: tuple[CameraTable, ...] = ()
     rigs: tuple[RigTable, ...] = ()

@@ -12,9 +12,8 @@ from testfield.calibrate.calibration import Calibration
 from testfield.camera.project import project
 from testfield.camera.several import by_camera
 from testfield.detect.observations import MEASURED, Observations
-from testfield.seeds import normals
+from testfield.seeds import normals, normals_of_marks
 from testfield.targets.field import Field
-from testfield.uncertainty.mark_numbers import normals_of_marks
 
 
 def draw_certificates(

@@ -14,26 +14,13 @@ from testfield.camera import lens
 from testfield.camera.pose import rotation
 from testfield.detect.observations import Observations
 from testfield.errors import TestfieldError
-from testfield.reconstruct.bundle import _of_calibration, _posterior
-from testfield.reconstruct.dlt import by_last_element, in_pixels
-from testfield.reconstruct.estimate import Estimate, Method, Solved, estimate_of, settle, solve, to_meet
-from testfield.reconstruct.gls import all_together
-from testfield.reconstruct.midpoint import unweighted
-from testfield.reconstruct.ml import REPROJECTION
-from testfield.reconstruct.parametric_wls import by_ray
+from testfield.reconstruct.bundle import information_of_cameras, posterior_of
+from testfield.reconstruct.estimate import Estimate, Solved, Trials, estimate_of, settle, solve, to_meet
 from testfield.reconstruct.sights import sights_of
+from testfield.registry import known_of
 from testfield.seeds import Plane
 from testfield.targets.field import Field
 
-METHODS = {
-    "midpoint": Method("midpoint", unweighted),
-    "dlt": Method("dlt", in_pixels),
-    "dlt_p34": Method("dlt_p34", by_last_element),
-    "parametric_wls": Method("parametric_wls", by_ray),
-    "gls": Method("gls", all_together),
-    "ml": REPROJECTION,
-    "bundle": REPROJECTION,
-}
 STEPS = 4
 MOST_AT_ONCE = 2_000_000
 """Projections held in memory at once."""
@@ -65,17 +52,19 @@ class RayTrials:
 
     @staticmethod
     def of(observations: Observations, calibration: Calibration, field: Field, method: str) -> "RayTrials":
-        """Raises `TestfieldError` where the method is not one of this package's own."""
-        if method not in METHODS:
+        """Raises `TestfieldError` where the method did not tell how trials are met again."""
+        again: Trials | None = known_of("reconstructors", method, "trials")
+        if again is None:
             raise TestfieldError(
-                f"method '{method}' is not one of {', '.join(METHODS)}", "measure.reconstructor",
+                f"the points of '{method}' cannot be met again all at once",
+                "measure.reconstructor",
                 "use --depth calibration, which takes any method as it is",
-            )  # fmt: skip
+            )
         sights = sights_of(observations, calibration, field)
-        sound = settle(to_meet(sights, calibration), calibration, METHODS["gls" if method == "bundle" else method])
-        solved = solve(sound.sights, calibration, METHODS[method])
+        sound = settle(to_meet(sights, calibration), calibration, again.screened_by or again.method)
+        solved = solve(sound.sights, calibration, again.method)
         estimate = estimate_of(solved, sights, calibration)
-        afterwards = _change_of_cameras(solved, estimate, calibration) if method == "bundle" else None
+        afterwards = _change_of_cameras(solved, estimate, calibration) if again.moves_cameras else None
         values, vectors = np.linalg.eigh(calibration.covariance)
         return RayTrials(solved, estimate, calibration, vectors * np.sqrt(np.maximum(values, 0)), afterwards)
 
@@ -166,7 +155,7 @@ class RayTrials:
 def _change_of_cameras(solved: Solved, estimate: Estimate, calibration: Calibration) -> np.ndarray:
     """(3n, 2mk) by what residuals of all points move the points, through what they tell of the cameras."""
     n, k = solved.sights.there.shape
-    information, _ = _of_calibration(solved)
+    information, _ = information_of_cameras(solved)
     whitening = np.where(
         solved.sights.there[..., None, None], np.linalg.inv(np.linalg.cholesky(solved.sights.cov_px2)), 0
     )
@@ -175,4 +164,4 @@ def _change_of_cameras(solved: Solved, estimate: Estimate, calibration: Calibrat
     basis = np.linalg.qr(J)[0]
     left = (G - basis @ (np.swapaxes(basis, 1, 2) @ G)).reshape(n, k, 2, -1)
     right = np.einsum("nkip,nkij->pnkj", left, whitening).reshape(-1, 2 * n * k)
-    return estimate.by_calibration @ (_posterior(calibration.covariance, information) @ right)
+    return estimate.by_calibration @ (posterior_of(calibration.covariance, information) @ right)

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import tomli_w
 
-from testfield.bench.drawn import draw_observations
 from testfield.calibrate.calibration import Calibration
 from testfield.chain.run import Run
 from testfield.chain.stages import run_stage
@@ -24,12 +23,12 @@ from testfield.scene.truth import see
 from testfield.scene.world import World
 from testfield.score.camera import score_boards, score_camera
 from testfield.score.points import score_points
-from testfield.seeds import seed_of
+from testfield.seeds import normals_of_marks, seed_of
+from testfield.simulate.observations import draw_observations
 from testfield.study.cases import Case
 from testfield.study.stitching import scenes
 from testfield.study.stitching.chain_growth import chain_errors
 from testfield.study.stitching.mother_board import fitted_rms_mm, mother_marks, mother_scores
-from testfield.uncertainty.mark_numbers import normals_of_marks
 
 CELLS = (8, 6)
 """Parts of the image, across and down, in which coverage is counted."""

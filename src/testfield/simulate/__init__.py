@@ -1,0 +1,1 @@
+"""Observations and images without a renderer, for whoever asks what must come out."""

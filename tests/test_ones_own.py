@@ -1,0 +1,97 @@
+"""Algorithms and a lens model of one's own: one file outside the package, found by name wherever names are given."""
+
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from importlib import import_module
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from testfield import registry
+from testfield.camera.interior import Interior
+from testfield.certify.lens import certify_lens
+from testfield.detect.observations import Observations
+from testfield.errors import TestfieldError
+from testfield.measure.pipeline import measure
+from testfield.measure.recipe import Algorithm, Recipe
+from testfield.scene.build import build_world
+from testfield.scene.load import load_scene
+from testfield.scene.schema import CameraPart
+from testfield.scene.truth import see
+from testfield.scene.world import World
+from testfield.simulate.observations import draw_observations
+from testfield.uncertainty.rays import RayTrials
+
+QUICK = Path(__file__).parents[1] / "scenes/quick.toml"
+
+
+@pytest.fixture(scope="module", autouse=True)
+def ones_own() -> Iterator[None]:
+    sys.path.insert(0, str(Path(__file__).parent))
+    import_module("ones_own")  # the one line
+    yield
+    sys.path.pop(0)
+    for entered in registry._registered.values():
+        for name in [name for name, function in entered.items() if function.__module__ == "ones_own"]:
+            del entered[name]
+    sys.modules.pop("ones_own")
+
+
+@pytest.fixture(scope="module")
+def drawn(ones_own: None) -> tuple[World, Observations]:
+    """The quick scene seen through the lens of one's own, drawn without images."""
+    scene = load_scene(QUICK)
+    world = build_world(scene)
+    fx, fy, cx, cy = world.interior.parameters[:4]
+    lens = Interior(world.interior.width_px, world.interior.height_px, np.array([fx, fy, cx, cy, -0.08]), "one_term")
+    sheet = world.field
+    cameras = tuple(replace(camera, lens="one_term") for camera in sheet.cameras)
+    world = replace(world, interior=lens, field=replace(sheet, cameras=cameras))
+    return world, draw_observations(scene, world, see(world), 5)
+
+
+def test_a_lens_model_of_ones_own_is_calibrated_as_truly_as_it_claims(drawn: tuple[World, Observations]) -> None:
+    world, seen = drawn
+    found = measure(seen, world.field, Recipe()).calibration
+    assert found.interior.names == ("fx", "fy", "cx", "cy", "bow")
+    own = found.index(list(found.interior.names))
+    error = found.interior.parameters - world.interior.parameters
+    cov = found.covariance[np.ix_(own, own)]
+    assert error @ np.linalg.solve(cov, error) < 20.5  # chi2 of 5 at 0.999
+    assert np.sqrt(cov[4, 4]) < 2e-3
+
+
+def test_calibrator_and_reconstructor_of_ones_own_are_parts_of_a_recipe(drawn: tuple[World, Observations]) -> None:
+    world, seen = drawn
+    recipe = Recipe(calibrator=Algorithm("stitched_anew"), reconstructor=Algorithm("by_depth"))
+    recipe.check("recipe")
+    found = measure(seen, world.field, recipe)
+    assert found.calibration.method == "stitched_anew" and found.points.method == "by_depth"
+    assert len(found.points.code)
+
+
+def test_a_reconstructor_of_ones_own_is_drawn_by_rays(drawn: tuple[World, Observations]) -> None:
+    world, seen = drawn
+    found = measure(seen, world.field, Recipe(reconstructor=Algorithm("by_depth")))
+    ready = RayTrials.of(seen, found.calibration, world.field, "by_depth")
+    assert np.allclose(ready.xyz_mm, found.points.xyz_mm, rtol=0, atol=1e-9)
+    with pytest.raises(TestfieldError, match="all at once"):
+        RayTrials.of(seen, found.calibration, world.field, "opencv")
+
+
+def test_files_commands_and_the_certificate_know_the_lens_model() -> None:
+    assert CameraPart(lens="one_term").lens == "one_term"
+    verdicts = {verdict.name: verdict for verdict in certify_lens(quick=True)}
+    assert verdicts["round trip, one_term"].passed
+    assert verdicts["points folded back"].passed
+
+
+def test_a_name_that_nobody_registered_is_refused_with_those_that_are() -> None:
+    with pytest.raises(ValueError, match="'one_term'"):
+        CameraPart(lens="two_terms")
+    with pytest.raises(TestfieldError, match="one_term"):
+        registry.find("lenses", "two_terms")
+    with pytest.raises(TestfieldError, match="lenses"):
+        registry.register("lens", "two_terms")
