@@ -12,10 +12,10 @@ from testfield.reconstruct.points import Points
 from testfield.report.study import as_html, drawn
 from testfield.scene.build import build_world
 from testfield.scene.load import load_scene
-from testfield.study.fitting_point.experiment import ALL, LAYOUTS, VERTEX, cases, fits, true_positions
-from testfield.study.fitting_point.page import read
-from testfield.study.fitting_point.renders import alike_table, mean_bias, render_table
-from testfield.study.fitting_point.tables import block_table
+from testfield_studies.fitting_point.experiment import ALL, LAYOUTS, VERTEX, cases, fits, true_positions
+from testfield_studies.fitting_point.page import read
+from testfield_studies.fitting_point.renders import alike_table, mean_bias, render_table
+from testfield_studies.fitting_point.tables import block_table
 from testfield.uncertainty.consistency import hit_band
 from testfield.uncertainty.fitting_point import FittedPoint, fit_point, without_correlation
 
@@ -346,7 +346,7 @@ def test_the_full_study_has_a_thousand_trials_and_the_quick_one_few() -> None:
 
 @pytest.mark.slow
 def test_the_quick_study_renders_and_finds_the_blind_layout(tmp_path: Path) -> None:
-    from testfield.study.fitting_point.page import STUDY
+    from testfield_studies.fitting_point.page import STUDY
     from testfield.study.study import run_study
 
     found = run_study(STUDY, tmp_path, True, 2)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from testfield.study.stitching.intervals import lag_of, median_of, ratio_of, rms_of, share_of
+from testfield_studies.stitching.intervals import lag_of, median_of, ratio_of, rms_of, share_of
 
 
 def test_medians_and_their_intervals() -> None:

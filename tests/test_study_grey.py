@@ -22,14 +22,14 @@ from testfield.scene.truth import see
 from testfield.score.scorecard import plain
 from testfield.seeds import generator
 from testfield.study.cases import changed
-from testfield.study.grey import page as grey_page
-from testfield.study.grey import page_relations as grey_page_relations
-from testfield.study.grey import page_samples as grey_page_samples
-from testfield.study.grey import plan as grey
-from testfield.study.grey import rankings as grey_rankings
-from testfield.study.grey import runs as grey_runs
-from testfield.study.grey import samples as grey_samples
-from testfield.study.grey.factors import DUMMY, FACTORS, NAMES, WORKSHOP, levels_of, scene_of
+from testfield_studies.grey import page as grey_page
+from testfield_studies.grey import page_relations as grey_page_relations
+from testfield_studies.grey import page_samples as grey_page_samples
+from testfield_studies.grey import plan as grey
+from testfield_studies.grey import rankings as grey_rankings
+from testfield_studies.grey import runs as grey_runs
+from testfield_studies.grey import samples as grey_samples
+from testfield_studies.grey.factors import DUMMY, FACTORS, NAMES, WORKSHOP, levels_of, scene_of
 from testfield.study.run_cases import do_case
 from testfield.study.study import Findings, run_study
 
@@ -404,6 +404,6 @@ def test_a_rendered_run_gives_its_error_and_a_hopeless_one_its_reason(tmp_path: 
     def blind(*_: object) -> None:
         raise TestfieldError("no image shows the board", "observations.parquet")
 
-    monkeypatch.setattr("testfield.study.grey.runs.reexposed", blind)
+    monkeypatch.setattr("testfield_studies.grey.runs.reexposed", blind)
     bad = do_case(replace(case, options=case.options | {"runs": case.options["runs"][:1]}), tmp_path)[0]
     assert np.isnan(bad["rmse_mm"]) and "no image shows the board" in bad["lost"]

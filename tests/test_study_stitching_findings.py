@@ -10,8 +10,8 @@ import pandas as pd
 import pytest
 
 from testfield.report.study import drawn
-from testfield.study.stitching.experiment import NO_BAR
-from testfield.study.stitching.page import read
+from testfield_studies.stitching.experiment import NO_BAR
+from testfield_studies.stitching.page import read
 from testfield.study.study import Findings
 
 FIELDS = {

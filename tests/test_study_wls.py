@@ -27,8 +27,8 @@ from testfield.scene.truth import see
 from testfield.scene.world import World
 from testfield.score.scorecard import plain
 from testfield.study.study import Findings, run_study
-from testfield.study.wls.cells import cells, ratio, told
-from testfield.study.wls.experiment import (
+from testfield_studies.wls.cells import cells, ratio, told
+from testfield_studies.wls.experiment import (
     EXPOSURES,
     KEPT_ERRORS,
     METHODS,
@@ -40,9 +40,9 @@ from testfield.study.wls.experiment import (
     observations_of,
     scored,
 )
-from testfield.study.wls.field import FAR_MM, NEAR_MM, field_scene
-from testfield.study.wls.page import STUDY, read
-from testfield.study.wls.repeated import share
+from testfield_studies.wls.field import FAR_MM, NEAR_MM, field_scene
+from testfield_studies.wls.page import STUDY, read
+from testfield_studies.wls.repeated import share
 
 NAMES = ["midpoint", "dlt", "dlt_p34", "parametric_wls", "gls", "ml", "bundle", "opencv"]
 

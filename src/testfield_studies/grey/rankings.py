@@ -8,7 +8,7 @@ import pandas as pd
 from scipy.stats import rankdata, t
 
 from testfield.seeds import generator
-from testfield.study.grey.factors import DUMMY, FACTORS, NAMES
+from testfield_studies.grey.factors import DUMMY, FACTORS, NAMES
 from testfield.uncertainty import grey_relations as relations
 
 ENOUGH = 200

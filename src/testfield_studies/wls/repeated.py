@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 from scipy.stats import t as student
 
-from testfield.study.wls.experiment import P
+from testfield_studies.wls.experiment import P
 
 
 def repeated(good: pd.DataFrame, by: list[str]) -> pd.DataFrame:

@@ -7,10 +7,10 @@ import pandas as pd
 
 from testfield.errors import TestfieldError
 from testfield.study.study import Findings, Plot, Study, Table
-from testfield.study.wls.cells import CELL, OLS, SAME, WLS, cells, compare
-from testfield.study.wls.experiment import cases
-from testfield.study.wls.figures import SHOWN_AS_GAIN, draw_claims, draw_gain, draw_rmse
-from testfield.study.wls.words import FEW, MANY, SEVERAL, answers, law_holds, of, remarks, span
+from testfield_studies.wls.cells import CELL, OLS, SAME, WLS, cells, compare
+from testfield_studies.wls.experiment import cases
+from testfield_studies.wls.figures import SHOWN_AS_GAIN, draw_claims, draw_gain, draw_rmse
+from testfield_studies.wls.words import FEW, MANY, SEVERAL, answers, law_holds, of, remarks, span
 
 CLAIM = (
     "Weighted least squares by parametric equations is better than ordinary least squares with few cameras, and not "

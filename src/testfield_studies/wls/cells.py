@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from testfield.errors import TestfieldError
-from testfield.study.wls.repeated import factor, repeated
+from testfield_studies.wls.repeated import factor, repeated
 
 CELL = ["ranges", "noise", "calibration", "cameras"]
 ROW = [*CELL, "exposure", "set"]

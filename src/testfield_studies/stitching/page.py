@@ -2,14 +2,14 @@
 
 import pandas as pd
 
-from testfield.study.stitching.figures import draw_chain, draw_counts, draw_coverage, draw_faults
-from testfield.study.stitching.key_figures import figures_of
-from testfield.study.stitching.plan import CHAIN, LONG_CHAIN, cases
-from testfield.study.stitching.scenes import PITCH_MM
-from testfield.study.stitching.summary import counts_of, cuts_of, faults_of, links_of, named, rows_of
-from testfield.study.stitching.tables import tables_of
-from testfield.study.stitching.verdict import verdict
-from testfield.study.stitching.words import sentences
+from testfield_studies.stitching.figures import draw_chain, draw_counts, draw_coverage, draw_faults
+from testfield_studies.stitching.key_figures import figures_of
+from testfield_studies.stitching.plan import CHAIN, LONG_CHAIN, cases
+from testfield_studies.stitching.scenes import PITCH_MM
+from testfield_studies.stitching.summary import counts_of, cuts_of, faults_of, links_of, named, rows_of
+from testfield_studies.stitching.tables import tables_of
+from testfield_studies.stitching.verdict import verdict
+from testfield_studies.stitching.words import sentences
 from testfield.study.study import Findings, Plot, Study
 
 CLAIM = (

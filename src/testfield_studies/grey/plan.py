@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 
 from testfield.study.cases import Case
-from testfield.study.grey.factors import FACTORS, NAMES, WORKSHOP, levels_of, scene_of
-from testfield.study.grey.samples import LAWS
+from testfield_studies.grey.factors import FACTORS, NAMES, WORKSHOP, levels_of, scene_of
+from testfield_studies.grey.samples import LAWS
 
-RUNS, SAMPLES = "testfield.study.grey.runs", "testfield.study.grey.samples"
+RUNS, SAMPLES = "testfield_studies.grey.runs", "testfield_studies.grey.samples"
 CENTROIDS = ("forward_model", "grey_centroid")
 NOISE_E = 200.0
 LEVELS, REPEATS = 5, 3

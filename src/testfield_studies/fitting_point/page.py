@@ -4,10 +4,10 @@ from typing import Any
 
 import pandas as pd
 
-from testfield.study.fitting_point.experiment import LAYOUTS, SCALE_ERROR, cases
-from testfield.study.fitting_point.figures import draw_blocks, draw_chi2, draw_claims, draw_scale
-from testfield.study.fitting_point.renders import alike_table, mean_bias, render_table
-from testfield.study.fitting_point.tables import (
+from testfield_studies.fitting_point.experiment import LAYOUTS, SCALE_ERROR, cases
+from testfield_studies.fitting_point.figures import draw_blocks, draw_chi2, draw_claims, draw_scale
+from testfield_studies.fitting_point.renders import alike_table, mean_bias, render_table
+from testfield_studies.fitting_point.tables import (
     THESIS,
     WAYS,
     block_table,
@@ -18,7 +18,7 @@ from testfield.study.fitting_point.tables import (
     unseen_um2,
     with_all_columns,
 )
-from testfield.study.fitting_point.words import blind, row_of, sentences, verdict
+from testfield_studies.fitting_point.words import blind, row_of, sentences, verdict
 from testfield.study.study import Findings, Plot, Study, Table
 
 

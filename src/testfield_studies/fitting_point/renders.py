@@ -7,8 +7,8 @@ import numpy as np
 import pandas as pd
 from scipy.stats import chi2, t
 
-from testfield.study.fitting_point.experiment import LAYOUTS
-from testfield.study.fitting_point.tables import AXES, LIMIT, of
+from testfield_studies.fitting_point.experiment import LAYOUTS
+from testfield_studies.fitting_point.tables import AXES, LIMIT, of
 
 RENDERS = ("layout", "seed", "trials", "within", "share",
            *(f"{what} {axis}, µm" for axis in AXES for what in ("bias", "±")))  # fmt: skip

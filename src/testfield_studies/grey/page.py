@@ -2,9 +2,9 @@
 
 import pandas as pd
 
-from testfield.study.grey.page_relations import read_relations
-from testfield.study.grey.page_samples import read_samples
-from testfield.study.grey.plan import cases
+from testfield_studies.grey.page_relations import read_relations
+from testfield_studies.grey.page_samples import read_samples
+from testfield_studies.grey.plan import cases
 from testfield.study.study import Findings, Study
 
 

@@ -26,9 +26,9 @@ from testfield.score.camera import score_boards, score_camera
 from testfield.score.points import score_points
 from testfield.seeds import seed_of
 from testfield.study.cases import Case
-from testfield.study.stitching import scenes
-from testfield.study.stitching.chain_growth import chain_errors
-from testfield.study.stitching.mother_board import fitted_rms_mm, mother_marks, mother_scores
+from testfield_studies.stitching import scenes
+from testfield_studies.stitching.chain_growth import chain_errors
+from testfield_studies.stitching.mother_board import fitted_rms_mm, mother_marks, mother_scores
 from testfield.uncertainty.mark_numbers import normals_of_marks
 
 CELLS = (8, 6)

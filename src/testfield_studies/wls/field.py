@@ -2,7 +2,7 @@
 
 The two scenes differ by the stations' distances alone: all at 4.5 m, or from 2 to 10 m with every distance as likely
 from every side. Boards are printed exactly and the bar is as long as its certificate says, because what the workshop
-does is drawn anew in every exposure (`testfield.study.wls.experiment`).
+does is drawn anew in every exposure (`testfield_studies.wls.experiment`).
 """
 
 from typing import Any

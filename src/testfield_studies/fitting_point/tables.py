@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 from scipy.stats import chi2, norm
 
-from testfield.study.fitting_point.experiment import LAYOUTS
+from testfield_studies.fitting_point.experiment import LAYOUTS
 from testfield.uncertainty.consistency import hit_band
 
 LIMIT = float(chi2.ppf(0.95, 3))

@@ -6,10 +6,10 @@ import numpy as np
 import pandas as pd
 
 from testfield.seeds import generator
-from testfield.study.grey.factors import DUMMY, NAMES
-from testfield.study.grey.figures import draw_sweeps
-from testfield.study.grey.rankings import agreement, places, sweep_table
-from testfield.study.grey.words import chosen, without_units
+from testfield_studies.grey.factors import DUMMY, NAMES
+from testfield_studies.grey.figures import draw_sweeps
+from testfield_studies.grey.rankings import agreement, places, sweep_table
+from testfield_studies.grey.words import chosen, without_units
 from testfield.study.study import Findings, Plot, Table
 
 HIT = ("radial distortion, 1e-3", "tangential distortion, 1e-4", "half convergence, deg", "image noise, e")

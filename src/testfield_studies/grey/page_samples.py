@@ -14,8 +14,8 @@ from scipy.stats import kurtosis, skew
 
 from testfield.report.style import ACCENT, FAINT, INK, WARM
 from testfield.seeds import generator
-from testfield.study.grey.samples import BATCHES, LAWS, SIZES, judge, population_draw
-from testfield.study.grey.words import chosen, listed
+from testfield_studies.grey.samples import BATCHES, LAWS, SIZES, judge, population_draw
+from testfield_studies.grey.words import chosen, listed
 from testfield.study.study import Findings, Plot, Table
 from testfield.uncertainty.grey_uncertainty import sup_norm_uncertainty
 

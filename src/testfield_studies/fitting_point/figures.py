@@ -7,8 +7,8 @@ import pandas as pd
 from scipy.stats import chi2
 
 from testfield.report.style import ACCENT, FAINT, INK, WARM
-from testfield.study.fitting_point.experiment import LAYOUTS, SCALE_ERROR
-from testfield.study.fitting_point.tables import AXES, LIMIT, WAYS, of
+from testfield_studies.fitting_point.experiment import LAYOUTS, SCALE_ERROR
+from testfield_studies.fitting_point.tables import AXES, LIMIT, WAYS, of
 
 
 def draw_chi2(both: Any, data: pd.DataFrame) -> None:

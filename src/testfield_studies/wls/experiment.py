@@ -36,7 +36,7 @@ from testfield.score.align import aligned_covariance, rigid_fit
 from testfield.score.camera import true_in_datum
 from testfield.seeds import seed_of
 from testfield.study.cases import Case
-from testfield.study.wls.field import field_scene
+from testfield_studies.wls.field import field_scene
 from testfield.targets.field import Field
 from testfield.uncertainty.certificates import draw_certificates
 

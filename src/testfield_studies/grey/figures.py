@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 
 from testfield.report.style import ACCENT, FAINT, INK, WARM
-from testfield.study.grey.factors import DUMMY, NAMES
-from testfield.study.grey.rankings import ANOVA, GREY, METHODS
+from testfield_studies.grey.factors import DUMMY, NAMES
+from testfield_studies.grey.rankings import ANOVA, GREY, METHODS
 
 
 def draw_shares(axes: Any, data: pd.DataFrame) -> None:

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from testfield.study.grey.factors import DUMMY, NAMES
-from testfield.study.grey.figures import draw_agreement, draw_ranks, draw_shares
-from testfield.study.grey.page_sweeps import read_sweeps
-from testfield.study.grey.rankings import (
+from testfield_studies.grey.factors import DUMMY, NAMES
+from testfield_studies.grey.figures import draw_agreement, draw_ranks, draw_shares
+from testfield_studies.grey.page_sweeps import read_sweeps
+from testfield_studies.grey.rankings import (
     ACTS_P,
     ANOVA,
     FIRST,
@@ -34,7 +34,7 @@ from testfield.study.grey.rankings import (
     sequences,
     turned_round,
 )
-from testfield.study.grey.words import chosen, listed, without_units
+from testfield_studies.grey.words import chosen, listed, without_units
 from testfield.study.study import Findings, Plot, Table
 
 BOOTSTRAPS, ORDERS = 400, 100

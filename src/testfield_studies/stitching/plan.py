@@ -9,10 +9,10 @@ from itertools import product
 from typing import Any
 
 from testfield.study.cases import Case
-from testfield.study.stitching import scenes
-from testfield.study.stitching.experiment import NO_BAR
+from testfield_studies.stitching import scenes
+from testfield_studies.stitching.experiment import NO_BAR
 
-WORK = "testfield.study.stitching.experiment"
+WORK = "testfield_studies.stitching.experiment"
 WINDOWS = (0.35, 0.5, 0.65, 0.8, 1.0)
 """Middle parts of the image, by side, to which observations are confined."""
 CHAIN, LONG_CHAIN, PER_CASE = 8, 16, 10

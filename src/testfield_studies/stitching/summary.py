@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from testfield.study.stitching.chain_growth import grown
-from testfield.study.stitching.experiment import NO_BAR
-from testfield.study.stitching.intervals import lag_of, median_of, rms_of
-from testfield.study.stitching.scenes import PITCH_MM
+from testfield_studies.stitching.chain_growth import grown
+from testfield_studies.stitching.experiment import NO_BAR
+from testfield_studies.stitching.intervals import lag_of, median_of, rms_of
+from testfield_studies.stitching.scenes import PITCH_MM
 
 TARGETS = ("planned", "flat", "random")
 QUANTITIES = ("corner_px", "check_rmse_mm", "mother_rms_mm", "mother_flatness_mm")
