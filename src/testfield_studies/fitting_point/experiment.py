@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 
 from testfield.calibrate.calibration import Calibration
+from testfield.chain.recipe import recipe_of
 from testfield.chain.run import Run
 from testfield.chain.stages import run_stage
 from testfield.chain.trials import reexposed
+from testfield.measure.pipeline import measure as measure_all
 from testfield.reconstruct.points import Points
-from testfield.registry import find
 from testfield.scene.world import CHECK, World
 from testfield.score.camera import true_in_datum
 from testfield.seeds import normals, seed_of
@@ -64,7 +65,7 @@ def measure(case: Case, run: Run | None) -> list[dict[str, Any]]:
         run_stage(run, stage)
     start = Calibration.load(run.need("calibration.json", "calibrate"))
     told = sheet(run.field, case.options["scale_error"])
-    camera, how = run.scene.camera, run.scene.measure
+    recipe = recipe_of(run.scene)
     first, rows = int(case.labels["first"]), []
     for number in range(first, first + case.options["trials"]):
         name = f"fitting_point/{case.labels['bar']}/{number}"
@@ -72,12 +73,11 @@ def measure(case: Case, run: Run | None) -> list[dict[str, Any]]:
         lengths_off = normals(workshop, "lengths", len(ALL))[:, 0]
         seen = reexposed(run, seed_of(run.scene.seed, f"{name}/noise"))
         observations, field = draw_certificates(seen, start, told, workshop)
-        calibration = find("calibrators", how.calibrator)(
-            observations, field, camera.width_px, camera.height_px, how.lens or camera.lens, how.hold
+        found = measure_all(observations, field, recipe)
+        rows_of_trial = fits(
+            found.points, run.world, found.calibration.board_names, lengths_off, case.options["scale_error"]
         )
-        points = find("reconstructors", how.reconstructor)(observations, calibration, field)
-        found = fits(points, run.world, calibration.board_names, lengths_off, case.options["scale_error"])
-        rows += [{"trial": number} | row for row in found]
+        rows += [{"trial": number} | row for row in rows_of_trial]
     return rows
 
 

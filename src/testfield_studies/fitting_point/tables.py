@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 from scipy.stats import chi2, norm
 
+from testfield.statistics.consistency import hit_band
 from testfield_studies.fitting_point.experiment import LAYOUTS
-from testfield.uncertainty.consistency import hit_band
 
 LIMIT = float(chi2.ppf(0.95, 3))
 THESIS = 88
@@ -29,10 +29,20 @@ HITS = ("layout", "way", "trials", "within", "share", "low", "high", "accepted",
 BLOCKS = ("layout", "block", "trials", "beyond", "band_low", "band_high", "band_99_low", "band_99_high")
 SPREAD = (
     "layout", "way", "dispersion", "fitted point, claimed", "fitted point, actual", "bias, claimed", "bias, actual",
-    "s_sys", "s_sys, foretold", "length, claimed", "mean residual, ppm", "its rms", "its rms, claimed",
+    "s_sys", "s_sys, predicted", "length, claimed", "mean residual, ppm", "its rms", "its rms, claimed",
 )  # fmt: skip
 CLAIMS = ("layout", "way", "quantity", "trials", "actual_over_claimed", "low", "high")
-SCALE = ("layout", "way", "trials", "bias_mm", "foretold_mm", "flagged", "flags", "residual_ppm", "flagged_by_residual")
+SCALE = (
+    "layout",
+    "way",
+    "trials",
+    "bias_mm",
+    "predicted_mm",
+    "flagged",
+    "flags",
+    "residual_ppm",
+    "flagged_by_residual",
+)
 SURE = float(norm.ppf(0.995))
 """Half-width of a 99 % interval in standard errors."""
 
@@ -102,13 +112,13 @@ def scale_table(wrong: pd.DataFrame) -> pd.DataFrame:
     """What a wrong bar does to bias and residuals."""
     rows = []
     for layout, way, found in _groups(wrong, tuple(WAYS)):
-        bias, foretold = (
+        bias, predicted = (
             float(np.linalg.norm([found[f"{name}_{axis}_mm"].mean() for axis in AXES]))
             for name in ("bias", "scale_bias")
         )
         z, flags = found["mean_relative_ppm"] / found["u_mean_relative_ppm"], found["bias_chi2"] > LIMIT
         rows.append((
-            layout, WAYS[way], len(found), bias, foretold, float(flags.mean()), int(flags.sum()),
+            layout, WAYS[way], len(found), bias, predicted, float(flags.mean()), int(flags.sum()),
             float(found["mean_relative_ppm"].mean()), float((z.abs() > 1.96).mean()),
         ))  # fmt: skip
     return pd.DataFrame(rows, columns=list(SCALE))

@@ -8,6 +8,8 @@ import pandas as pd
 from testfield.report.style import ACCENT, FAINT, INK, WARM
 from testfield_studies.grey.factors import DUMMY, NAMES
 from testfield_studies.grey.rankings import ANOVA, GREY, METHODS
+from testfield_studies.grey.samples import LAWS
+from testfield_studies.grey.small_samples import BESSEL, SHOWN, SUP
 
 
 def draw_shares(axes: Any, data: pd.DataFrame) -> None:
@@ -73,3 +75,46 @@ def draw_sweeps(axes: Any, data: pd.DataFrame) -> None:
     axes[1].set_yticks(place, [""] * len(place))
     axes[0].set(xlabel="change of ln RMSE from one end to the other")
     axes[1].set(xlabel="Deng's degree", xlim=(0, 1))
+
+
+def draw_bias(axes: Any, data: pd.DataFrame) -> None:
+    """What each estimator gives of sigma by the size of the sample, a line for each law and for real errors."""
+    for ax, estimator in zip(axes, SHOWN, strict=True):
+        ax.axhline(1, color=INK, lw=0.8, ls=":")
+        for law, own in data[data["estimator"] == estimator].groupby("law", sort=False):
+            real = law not in LAWS
+            colour = FAINT if not real else ACCENT if "forward" in law else WARM
+            style = "--" if law.startswith("one image") else "-"
+            ax.plot(own["n"], own["mean_ratio"], color=colour, ls=style, lw=1.4 if real else 1.0,
+                    label=law if real else None)  # fmt: skip
+            if not real and estimator == SUP:
+                ax.annotate(law, (own["n"].iloc[-1], own["mean_ratio"].iloc[-1]), xytext=(2, 0), fontsize=6,
+                            textcoords="offset points", va="center", color="#5f717d")  # fmt: skip
+        ax.set(title=estimator, xscale="log", xlabel="values in a sample", xlim=(2.8, 50), ylim=(0.7, 1.15))
+        _size_ticks(ax)
+    axes[0].set_ylabel("estimate / sigma")
+    if axes[2].get_legend_handles_labels()[0]:
+        axes[2].legend(frameon=False, fontsize=6.3, loc="lower right")
+
+
+def draw_scatter(axes: Any, data: pd.DataFrame) -> None:
+    """Relative scatter, and how often the truth is covered, of normal values."""
+    for estimator, colour in zip(SHOWN, (WARM, ACCENT, INK), strict=True):
+        own = data[data["estimator"] == estimator]
+        axes[0].plot(own["n"], own["scatter"], color=colour, marker="o", ms=3, label=estimator)
+        axes[1].plot(own["n"], own["mean_covered_2"], color=colour, marker="o", ms=3, label=f"{estimator}, k = 2")
+    own = data[data["estimator"] == BESSEL]
+    axes[1].plot(own["n"], own["mean_covered_t"], color=INK, ls="--", lw=1, label="Bessel, Student's t")
+    axes[1].axhline(0.95, color=FAINT, lw=0.8)
+    axes[0].set(xscale="log", yscale="log", xlabel="values in a sample", ylabel="relative scatter")
+    axes[0].set_yticks([0.1, 0.2, 0.5], ["0.1", "0.2", "0.5"])
+    axes[0].yaxis.set_minor_formatter(lambda *_: "")
+    axes[1].set(xscale="log", xlabel="values in a sample", ylabel="share of intervals that hold the truth")
+    for ax in axes:
+        _size_ticks(ax)
+        ax.legend(frameon=False, fontsize=7)
+
+
+def _size_ticks(ax: Any) -> None:
+    ax.set_xticks([3, 5, 10, 30], ["3", "5", "10", "30"])
+    ax.xaxis.set_minor_formatter(lambda *_: "")

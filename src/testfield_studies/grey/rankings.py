@@ -8,8 +8,8 @@ import pandas as pd
 from scipy.stats import rankdata, t
 
 from testfield.seeds import generator
-from testfield_studies.grey.factors import DUMMY, FACTORS, NAMES
 from testfield.uncertainty import grey_relations as relations
+from testfield_studies.grey.factors import DUMMY, FACTORS, NAMES
 
 ENOUGH = 200
 """Runs for a regression of second degree."""

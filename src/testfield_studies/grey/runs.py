@@ -6,19 +6,19 @@ from typing import Any
 import numpy as np
 
 from testfield.calibrate.calibration import Calibration
+from testfield.chain.recipe import recipe_of
 from testfield.chain.run import Run
 from testfield.chain.stages import run_stage
 from testfield.chain.trials import reexposed
 from testfield.errors import TestfieldError
-from testfield.registry import find
-from testfield.scene.world import World
-from testfield.score.camera import true_in_datum
+from testfield.measure.pipeline import measure
 from testfield.score.detection import score_detection
 from testfield.score.points import score_points
 from testfield.seeds import seed_of
 from testfield.study.cases import Case
 from testfield.targets.field import Field
 from testfield.uncertainty.certificates import draw_certificates
+from testfield_studies.truth import exact_calibration
 
 
 def expose_again(case: Case, run: Run | None) -> list[dict[str, Any]]:
@@ -46,7 +46,7 @@ def measure_runs(case: Case, run: Run | None) -> list[dict[str, Any]]:
     """
     assert run is not None
     run_stage(run, "render")
-    sheet, exact = sheet_of(run.field, case.options), true_calibration(run.world)
+    sheet, exact = sheet_of(run.field, case.options), exact_calibration(run.world)
     rows = [_run_row(run, entry, sheet, exact) for entry in case.options["runs"]]
     for name in run.stations:
         (run.folder / f"radiance/{name}.exr").unlink(missing_ok=True)
@@ -58,16 +58,6 @@ def sheet_of(field: Field, workshop: dict[str, Any]) -> Field:
     boards = tuple(replace(board, u_xy_mm=workshop["print_mm"]) for board in field.boards)
     bars = tuple(replace(bar, u_length_mm=workshop["bar_mm"]) for bar in field.scale_bars)
     return replace(field, boards=boards, scale_bars=bars, u_scale=1e-6 * workshop["scale_ppm"])
-
-
-def true_calibration(world: World) -> Calibration:
-    """The truth in the frame of the first board; nothing is unknown in it."""
-    names = tuple(board.name for board in world.field.boards)
-    datum, boards = true_in_datum(world, names)
-    stations = world.camera_from_world.after(datum[np.zeros(len(world.station_name), int)])
-    return Calibration(
-        "true", world.interior, world.station_name, stations, names, boards, 1.0, np.zeros((0, 0)), (), 1.0, 0, 0.0, 0
-    )
 
 
 def _run_row(run: Run, entry: dict[str, Any], sheet: Field, exact: Calibration) -> dict[str, Any]:
@@ -82,11 +72,8 @@ def _run_row(run: Run, entry: dict[str, Any], sheet: Field, exact: Calibration) 
         figures["centre_rms_px"] = float(np.sqrt((error_px**2).mean())) if len(error_px) else np.nan
         found, sheet = draw_certificates(found, exact, sheet, seed_of(scene.seed, f"{name}/workshop"))
         figures["bar_off_mm"] = sheet.scale_bars[0].length_mm - run.field.scale_bars[0].length_mm
-        calibration = find("calibrators", scene.measure.calibrator)(
-            found, sheet, scene.camera.width_px, scene.camera.height_px, scene.camera.lens, scene.measure.hold
-        )
-        points = find("reconstructors", scene.measure.reconstructor)(found, calibration, sheet)
-        card = score_points(run.world, calibration, points).card()
+        measured = measure(found, sheet, recipe_of(scene))
+        card = score_points(run.world, measured.calibration, measured.points).card()
     except TestfieldError as error:
         return row | figures | {"lost": error.sentence()}
     if card["measured"] < 3:

@@ -4,6 +4,7 @@ A case that is rendered and one that is drawn go the same way from the observati
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +13,13 @@ import tomli_w
 
 from testfield.bench.drawn import draw_observations
 from testfield.calibrate.calibration import Calibration
+from testfield.chain.recipe import recipe_of
 from testfield.chain.run import Run
 from testfield.chain.stages import run_stage
 from testfield.detect.observations import Observations
 from testfield.errors import TestfieldError
-from testfield.registry import find
+from testfield.measure.pipeline import calibrate, reconstruct
+from testfield.measure.recipe import Algorithm
 from testfield.scene.build import build_world
 from testfield.scene.load import parse_scene
 from testfield.scene.schema import SceneFile
@@ -26,10 +29,10 @@ from testfield.score.camera import score_boards, score_camera
 from testfield.score.points import score_points
 from testfield.seeds import seed_of
 from testfield.study.cases import Case
+from testfield.uncertainty.mark_numbers import normals_of_marks
 from testfield_studies.stitching import scenes
 from testfield_studies.stitching.chain_growth import chain_errors
 from testfield_studies.stitching.mother_board import fitted_rms_mm, mother_marks, mother_scores
-from testfield.uncertainty.mark_numbers import normals_of_marks
 
 CELLS = (8, 6)
 """Parts of the image, across and down, in which coverage is counted."""
@@ -136,15 +139,14 @@ def chained(observations: Observations, world: World, wide: int) -> Observations
 
 
 def _calibrated(scene: SceneFile, world: World, observations: Observations, method: str) -> Calibration:
-    camera = scene.camera
+    recipe = recipe_of(scene)
     # One sub-board alone: the one in the middle, for of a board in a corner the rest of the image is a guess.
     away = np.linalg.norm(world.world_from_board.t_mm - scenes.MIDDLE_MM, axis=1)
     which = {"board": world.field.boards[int(away.argmin())].name} if method == "zhang" else {}
     if method == NO_BAR:
         observations, method = without_bars(observations, world), "stitched"
-    return find("calibrators", method)(
-        observations, world.field, camera.width_px, camera.height_px, camera.lens, (), **which
-    )
+    asked = Algorithm(method, {**recipe.calibrator.options, **which})
+    return calibrate(observations, world.field, replace(recipe, calibrator=asked))
 
 
 def _judged(scene: SceneFile, world: World, observations: Observations, method: str) -> Row:
@@ -165,7 +167,7 @@ def _judged(scene: SceneFile, world: World, observations: Observations, method: 
     if not scene.check_targets:
         return row
     try:
-        points = find("reconstructors", scene.measure.reconstructor)(observations, calibration, world.field)
+        points = reconstruct(observations, calibration, world.field, recipe_of(scene))
     except TestfieldError:  # rays that pass a wild lens twice have no covariance
         return row
     score = score_points(world, calibration, points)

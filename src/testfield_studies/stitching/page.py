@@ -1,16 +1,17 @@
-"""What the study on stitched boards found."""
+"""The study on stitched boards: its plots and what makes it a study."""
+
+from pathlib import Path
 
 import pandas as pd
 
+from testfield.study.study import Plot, Results, Study
+from testfield_studies.stitching.chain_findings import chain_findings, fault_findings
 from testfield_studies.stitching.figures import draw_chain, draw_counts, draw_coverage, draw_faults
-from testfield_studies.stitching.key_figures import figures_of
+from testfield_studies.stitching.findings import field_findings
 from testfield_studies.stitching.plan import CHAIN, LONG_CHAIN, cases
 from testfield_studies.stitching.scenes import PITCH_MM
 from testfield_studies.stitching.summary import counts_of, cuts_of, faults_of, links_of, named, rows_of
 from testfield_studies.stitching.tables import tables_of
-from testfield_studies.stitching.verdict import verdict
-from testfield_studies.stitching.words import sentences
-from testfield.study.study import Findings, Plot, Study
 
 CLAIM = (
     "Small two-dimensional boards, placed freely and joined through their coded targets, make one large virtual board: "
@@ -18,13 +19,22 @@ CLAIM = (
 )
 
 
-def read(table: pd.DataFrame) -> Findings:
-    """Verdict, answers, tables and figures from the rows of the cases that are done."""
+def read(table: pd.DataFrame) -> Results:
+    """Findings, tables and plots from the rows of the cases that are done."""
     rows = rows_of(table)
     fields = named(rows[rows["experiment"] != "chain"])
     counts, cuts, faults = counts_of(fields), cuts_of(fields), faults_of(fields)
     links = links_of(rows[rows["experiment"] == "chain"])
-    figures = figures_of(counts, cuts, faults, links, rows)
+    findings = [
+        *field_findings(counts, cuts, rows),
+        *chain_findings(links, rows),
+        *fault_findings(faults, counts),
+    ]
+    return Results(findings, tables_of(counts, links, faults, cuts), plots_of(counts, links, faults, cuts))
+
+
+def plots_of(counts: pd.DataFrame, links: pd.DataFrame, faults: pd.DataFrame, cuts: pd.DataFrame) -> list[Plot]:
+    """All plots that have a row."""
     short, long = links[links["boards"] == CHAIN], links[links["boards"] == LONG_CHAIN]
     everywhere = counts[counts["quantity"] == "corner_px"].rename(columns={"target": "name"})
     plots = [
@@ -49,10 +59,16 @@ def read(table: pd.DataFrame) -> Findings:
     if len(long):
         title, caption = f"The same with {LONG_CHAIN} boards", "As above; drawn pixels only."
         plots.insert(2, Plot("stitching_long_chain", title, caption, long, draw_chain, (9.6, 7.2), 2, 2))
-    there = {"stitching_counts": counts, "stitching_chain": short, "stitching_faults": faults,
-             "stitching_coverage": cuts}  # fmt: skip
-    plots = [plot for plot in plots if len(there.get(plot.name, long))]
-    return Findings(verdict(figures), sentences(figures), tables_of(counts, links, faults, cuts), plots, figures)
+    there = {"counts": counts, "chain": short, "long_chain": long, "faults": faults, "coverage": cuts}
+    return [plot for plot in plots if len(there[plot.name.removeprefix("stitching_")])]
 
 
-STUDY = Study("stitching", "The flexible stitched board", CLAIM, cases, read)
+STUDY = Study(
+    name="stitching",
+    title="The flexible stitched board",
+    claim=CLAIM,
+    rests_on=("method", "letter", "as_full"),
+    cases=cases,
+    read=read,
+    conclusion=Path(__file__).with_name("conclusion.md"),
+)

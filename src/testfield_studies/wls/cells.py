@@ -2,11 +2,11 @@
 
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
-from testfield.errors import TestfieldError
-from testfield_studies.wls.repeated import factor, repeated
+from testfield.statistics.decide import Side, side_of
+from testfield.statistics.jackknife import jackknife_ratio
+from testfield_studies.wls.repeated import repeated
 
 CELL = ["ranges", "noise", "calibration", "cameras"]
 ROW = [*CELL, "exposure", "set"]
@@ -16,6 +16,8 @@ MEASURABLE = 0.01
 """A part by which an error must differ to be called better or worse, however narrow its interval."""
 SAME = 0.05
 """Within so much of 1 a ratio's whole interval must lie before two things are called no different."""
+SEVERAL = 3.0
+"""So many cameras the weights must come to (`law_cameras`) before the law of many cameras is held against anything."""
 COLUMNS = (
     "square_mm2", "claimed_mm2", "frame_mm2", "hits", "nees", "nees_points", "nees_points_frame", "nees_narrow",
     "law_ranges", "law_noise", "law_cameras",
@@ -42,14 +44,22 @@ PLAIN = {
 }
 """Figures without one."""
 
+COLUMNS_OF_CELLS = [
+    *CELL,
+    "method",
+    "points",
+    "exposures",
+    *(f"{name}{end}" for name in (*RATIOS, "repeated") for end in ("", "_low", "_high")),
+    *PLAIN,
+]
+
 
 def cells(table: pd.DataFrame) -> pd.DataFrame:
     """A row for each cell and method: RMSE, gain over the midpoint and over GLS, NEES, each with its 95 % interval,
-    beside what the sandwich predicts; NaN where a table has not got it. Raises `TestfieldError` where no case gave
-    points."""
+    beside what the sandwich predicts; NaN where a table has not got it, no row where no case gave points."""
     good = table[table["points"] > 0] if "points" in table else table.iloc[:0]
     if good.empty:
-        raise TestfieldError("no case gave any points", "study wls", "look at the failures in results.parquet")
+        return pd.DataFrame(columns=COLUMNS_OF_CELLS, dtype=float)
     good = _summands(good)
     names = sorted({name for a, b, _ in [*RATIOS.values(), *PLAIN.values()] for name in (a, b)})
     sums = good.groupby([*CELL, "method", "exposure"], observed=True, sort=False)[names].sum()
@@ -59,8 +69,8 @@ def cells(table: pd.DataFrame) -> pd.DataFrame:
         each = dict(zip(names, part.to_numpy(float).T, strict=True))
         row |= {"points": int(each["points"].sum()), "exposures": len(part)}
         for name, (a, b, power) in RATIOS.items():
-            row[name], row[f"{name}_low"], row[f"{name}_high"] = ratio(each[a], each[b], power)
-        rows.append(row | {name: ratio(each[a], each[b], power)[0] for name, (a, b, power) in PLAIN.items()})
+            row[name], row[f"{name}_low"], row[f"{name}_high"] = jackknife_ratio(each[a], each[b], power)
+        rows.append(row | {name: jackknife_ratio(each[a], each[b], power)[0] for name, (a, b, power) in PLAIN.items()})
     found = pd.DataFrame(rows).merge(repeated(good, [*CELL, "method"]), on=[*CELL, "method"], how="left")
     return found.sort_values(
         CELL,
@@ -70,32 +80,9 @@ def cells(table: pd.DataFrame) -> pd.DataFrame:
     )
 
 
-def ratio(above: Any, below: Any, power: float = 1.0) -> tuple[float, float, float]:
-    """(sum of `above` / sum of `below`) ** power over exposures (n,), with its 95 % interval.
-
-    By the jackknife, on logarithms and with Student's t of n - 1 degrees of freedom, for three exposures are few; of
-    exposures that have both sums. NaN where there are none, and for the interval of a single one.
-    """
-    a, b = np.asarray(above, float), np.asarray(below, float)
-    here = (a > 0) & (b > 0)
-    a, b, n = a[here], b[here], int(here.sum())
-    if n == 0:
-        return np.nan, np.nan, np.nan
-    value = float((a.sum() / b.sum()) ** power)
-    if n == 1:
-        return value, np.nan, np.nan
-    left = power * np.log((a.sum() - a) / (b.sum() - b))
-    reach = np.sqrt((n - 1) / n * ((left - left.mean()) ** 2).sum()) * factor(n)
-    return value, float(value * np.exp(-reach)), float(value * np.exp(reach))
-
-
-def told(value: float, low: float, high: float) -> str:
-    """What a ratio and its interval say against 1: above, below, one, or untold."""
-    if low > 1 and value > 1 + MEASURABLE:
-        return "above"
-    if high < 1 and value < 1 - MEASURABLE:
-        return "below"
-    return "one" if low > 1 - SAME and high < 1 + SAME else "untold"
+def told(value: float, low: float, high: float) -> Side:
+    """What a ratio and its interval say against 1."""
+    return side_of(low, high, 1.0, value=value, least=MEASURABLE, same=SAME)
 
 
 def tell(rows: pd.DataFrame, name: str) -> pd.Series:
@@ -104,10 +91,16 @@ def tell(rows: pd.DataFrame, name: str) -> pd.Series:
     return pd.Series([told(*values) for values in ends], rows.index, dtype=object)
 
 
-def compare(row: Any) -> str:
-    """Whether a method is better than the midpoint, worse, equal, or whether that cannot be told (`untold`)."""
-    names = {"above": "better", "below": "worse", "one": "equal", "untold": "untold"}
-    return names[told(row.gain, row.gain_low, row.gain_high)]
+def of(found: pd.DataFrame, **values: Any) -> pd.DataFrame:
+    """Rows with these values."""
+    for column, value in values.items():
+        found = found[found[column] == value]
+    return found
+
+
+def law_holds(found: pd.DataFrame) -> pd.Series:
+    """Where the law of many cameras is meant: calibration exact, and weights that come to several cameras."""
+    return (found["calibration"] == "exact") & (found["law_cameras"] >= SEVERAL)
 
 
 def _summands(good: pd.DataFrame) -> pd.DataFrame:

@@ -15,20 +15,16 @@ import numpy as np
 from scipy.stats import chi2
 
 from testfield.calibrate.calibration import Calibration
-from testfield.calibrate.stitched import stitched
 from testfield.chain.run import Run
 from testfield.chain.stages import run_stage
 from testfield.chain.trials import reexposed
 from testfield.detect.observations import Observations
 from testfield.errors import TestfieldError
-from testfield.reconstruct.bundle import bundle
-from testfield.reconstruct.dlt import dlt, dlt_p34
+from testfield.measure.pipeline import calibrate, reconstruct
+from testfield.measure.recipe import Algorithm, Recipe
 from testfield.reconstruct.estimate import Method, Solved, pixel_covariance, sandwich, settle
-from testfield.reconstruct.gls import gls
-from testfield.reconstruct.midpoint import midpoint
-from testfield.reconstruct.ml import REPROJECTION, ml
-from testfield.reconstruct.opponents import colmap, opencv
-from testfield.reconstruct.parametric_wls import by_ray, parametric_wls
+from testfield.reconstruct.ml import REPROJECTION
+from testfield.reconstruct.parametric_wls import by_ray
 from testfield.reconstruct.points import Points
 from testfield.reconstruct.sights import Sights, rays_of, sights_of
 from testfield.scene.world import CHECK, World
@@ -36,14 +32,12 @@ from testfield.score.align import aligned_covariance, rigid_fit
 from testfield.score.camera import true_in_datum
 from testfield.seeds import seed_of
 from testfield.study.cases import Case
-from testfield_studies.wls.field import field_scene
 from testfield.targets.field import Field
 from testfield.uncertainty.certificates import draw_certificates
+from testfield_studies.truth import exact_calibration
+from testfield_studies.wls.field import field_scene
 
-METHODS = {
-    "midpoint": midpoint, "dlt": dlt, "dlt_p34": dlt_p34, "parametric_wls": parametric_wls, "gls": gls, "ml": ml,
-    "bundle": bundle, "opencv": opencv, "colmap": colmap,
-}  # fmt: skip
+METHODS = ("midpoint", "dlt", "dlt_p34", "parametric_wls", "gls", "ml", "bundle", "opencv", "colmap")
 NOISES = {"low": {"time_ms": 1.5, "read_noise_e": 6.0}, "high": {"time_ms": 0.3, "read_noise_e": 6.0}}
 """White gathers about 1,500 electrons, or 300: centres of dots err by 0.004 to 0.01 px, or 0.01 to 0.025 px."""
 WORKSHOP = {"print_mm": 0.02, "scale_ppm": 20.0, "bar_mm": 0.005}
@@ -102,31 +96,12 @@ def measure(case: Case, run: Run | None) -> list[dict[str, Any]]:
         for kind in ("exact", "estimated"):
             labels = {"cameras": n, "set": which, "calibration": kind}
             try:
-                calibration = exact if kind == "exact" else calibrated(seen, sheet, run)
+                calibration = exact if kind == "exact" else calibrate(seen, sheet, Recipe())
             except TestfieldError as error:
                 rows.append(labels | {"method": "", "points": 0, "why": error.sentence()})
                 continue
             rows += [labels | row for row in compared(seen, calibration, sheet, run.world, n, options["methods"])]
     return rows
-
-
-def exact_calibration(world: World) -> Calibration:
-    """The truth in the frame of the first board, with no uncertainty at all."""
-    names = tuple(board.name for board in world.field.boards)
-    datum, boards = true_in_datum(world, names)
-    stations = world.camera_from_world.after(datum[np.zeros(len(world.station_name), int)])
-    axes = ("rx", "ry", "rz", "tx", "ty", "tz")
-    labels = (*world.interior.names, *(f"station:{s}.{axis}" for s in world.station_name for axis in axes))
-    none = np.zeros((len(labels), len(labels)))
-    return Calibration(
-        "exact", world.interior, world.station_name, stations, names, boards, 1.0, none, labels, 1.0, 0, 0.0, 0
-    )
-
-
-def calibrated(seen: Observations, sheet: Field, run: Run) -> Calibration:
-    """What a user has: `stitched` from the images of these cameras. Raises `TestfieldError` where they do not do."""
-    camera = run.scene.camera
-    return stitched(seen, sheet, camera.width_px, camera.height_px, camera.lens)
 
 
 def observations_of(observations: Observations, stations: tuple[str, ...]) -> Observations:
@@ -147,7 +122,7 @@ def compared(
     lost: dict[str, str] = {}
     for method in methods:
         try:
-            points = METHODS[method](seen, calibration, sheet)
+            points = reconstruct(seen, calibration, sheet, Recipe(reconstructor=Algorithm(method)))
         except TestfieldError as error:
             lost[method] = error.sentence()
             continue

@@ -1,97 +1,26 @@
-"""Study `wls`: what its table says of the claim."""
+"""Study `wls`: its tables, its plots and what makes it a study."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from testfield.errors import TestfieldError
-from testfield.study.study import Findings, Plot, Study, Table
-from testfield_studies.wls.cells import CELL, OLS, SAME, WLS, cells, compare
+from testfield.statistics.decide import Side
+from testfield.study.study import Plot, Results, Study, Table
+from testfield_studies.wls.cells import CELL, OLS, ROW, SEVERAL, WLS, cells, law_holds, of, tell
 from testfield_studies.wls.experiment import cases
 from testfield_studies.wls.figures import SHOWN_AS_GAIN, draw_claims, draw_gain, draw_rmse
-from testfield_studies.wls.words import FEW, MANY, SEVERAL, answers, law_holds, of, remarks, span
+from testfield_studies.wls.findings import findings_of
 
-CLAIM = (
-    "Weighted least squares by parametric equations is better than ordinary least squares with few cameras, and not "
-    "worse with many."
-)
+SAYS = {Side.ABOVE: "better", Side.SAME: "no different", Side.BELOW: "worse", Side.OPEN: "not told apart"}
 
 
-def read(table: pd.DataFrame) -> Findings:
-    """Verdict, answers, tables and plots: what can be said of the rows that there are."""
-    try:
-        found = cells(table)
-    except TestfieldError as error:
-        return Findings(f"Not judged: {error.what}.", [], figures={"verdict": "not judged"})
-    verdict, status = judge(found)
-    tables = [_gain_table(found), _claim_table(found), _repeated_table(found), _all_methods(found)]
-    return Findings(
-        verdict, [*answers(found, table), *remarks(found, table)], [table for table in tables if len(table.frame)],
-        _plots(found), {"verdict": status} | _figures(found),
-    )  # fmt: skip
-
-
-def judge(found: pd.DataFrame) -> tuple[str, str]:
-    """The verdict in a sentence, and in a word: holds, holds in part, fails, not told, not judged."""
-    wls = found[(found["method"] == WLS) & found["gain"].notna()]
-    wls = wls.assign(word=[compare(row) for row in wls.itertuples()])
-    few, many = wls[wls["cameras"] <= FEW], wls[wls["cameras"] >= MANY]
-    missing = [
-        f"{name} cameras at spread ranges with the calibration {kind}"
-        for kind in ("exact", "estimated")
-        for name, part in (("few", few), ("many", many))
-        if of(part, calibration=kind, ranges="spread").empty
-    ]
-    told = "; ".join(_counted(wls, kind) for kind in wls["calibration"].unique())
-    if missing:
-        return f"Not judged yet: {', '.join(missing)} {'are' if len(missing) > 1 else 'is'} missing." + (
-            f" So far, {told}." if told else ""
-        ), "not judged"
-    gained = of(few, ranges="spread")["word"]
-    harmed, unharmed = many["word"] == "worse", (many["gain_low"] > 1 - SAME) & (many["word"] != "worse")
-    if (gained == "better").all() and unharmed.all():
-        status, head = "holds", "The claim holds"
-    elif gained.isin(["worse", "equal"]).all() or harmed.mean() >= 0.5:
-        status, head = "fails", "The claim fails"
-    elif (gained == "better").any():
-        status, head = "holds in part", "The claim holds in part"
-    else:
-        status, head = "not told", "Whether the claim holds cannot be told"
-    best = of(found, calibration="estimated", ranges="spread", method="gls").dropna(subset="gain")
-    tail = ""
-    if len(best):
-        kept = of(wls, calibration="estimated", ranges="spread")
-        tail = (
-            f" Under an estimated calibration and spread ranges the thesis' weights gain {span(kept['gain'])}, those "
-            f"of GLS, which know what the cameras share, {span(best['gain'])}."
-        )
-    return f"{head}: {told}. Few are up to {FEW} cameras, many {MANY} and more.{tail}", status
-
-
-WORDS = {"better": "better", "equal": "no different", "worse": "worse", "untold": "not told apart"}
-
-
-def _counted(wls: pd.DataFrame, kind: str) -> str:
-    parts = []
-    for ranges in ("spread", "equal"):
-        part = of(wls, calibration=kind, ranges=ranges)
-        each = [
-            f"{_words(rows)} with {name}"
-            for name, rows in (
-                ("few cameras", part[part["cameras"] <= FEW]), ("many", part[part["cameras"] >= MANY]),
-            ) if len(rows)
-        ]  # fmt: skip
-        if each:
-            parts.append(f"at {ranges} ranges it is {' and '.join(each)}")
-    return f"with the calibration {kind}, " + ", ".join(parts)
-
-
-def _words(part: pd.DataFrame) -> str:
-    counts = {told: int((part["word"] == word).sum()) for word, told in WORDS.items()}
-    if max(counts.values()) == len(part):
-        return next(told for told, n in counts.items() if n == len(part))
-    return " and ".join(f"{told} in {n} of {len(part)} cells" for told, n in counts.items() if n)
+def read(table: pd.DataFrame) -> Results:
+    """Findings, tables and plots: what can be said of the rows that there are."""
+    found = cells(table)
+    tables = [_gain_table(found), _claim_table(found), _repeated_table(found), _all_methods(found), _lost_table(table)]
+    return Results(findings_of(found, table), [table for table in tables if len(table.frame)], _plots(found))
 
 
 def _gain_table(found: pd.DataFrame) -> Table:
@@ -105,7 +34,7 @@ def _gain_table(found: pd.DataFrame) -> Table:
         "95 %": [_interval(a, b) for a, b in zip(wls["gain_low"], wls["gain_high"], strict=True)],
         "predicted": wls["gain_predicted"],
         "law": wls["law_noise"].where(law_holds(wls.reset_index()).to_numpy()),
-        "parametric_wls is": [WORDS[compare(row)] for row in wls.itertuples()],
+        "parametric_wls is": [SAYS[side] for side in tell(wls, "gain")],
     }, index=wls.index).reset_index()  # fmt: skip
     formats = {f"{name} µm": "{:.1f}" for name in names} | {"gain": "{:.3f}", "predicted": "{:.3f}", "law": "{:.2f}"}
     return Table(
@@ -157,6 +86,18 @@ def _all_methods(found: pd.DataFrame) -> Table:
     return Table(
         "Every method", frame, "RMSE a coordinate in µm.", {name: "{:.1f}" for name in found["method"].unique()}
     )
+
+
+def _lost_table(table: pd.DataFrame) -> Table:
+    """Sets of cameras without a calibration, and methods that gave nothing."""
+    title, rows = "What gave nothing", []
+    lost = table[table["points"] == 0] if "points" in table else table.iloc[:0]
+    for method, own in lost.groupby("method", sort=False) if len(lost) else ():
+        asked = table[table["method"] == method] if method else table.drop_duplicates(ROW)
+        own = own if method else own.drop_duplicates(ROW)
+        rows.append((method or "calibration", len(own), len(asked), own["why"].iloc[0]))
+    frame = pd.DataFrame(rows, columns=["method", "sets of cameras", "of", "why the first"])
+    return Table(title, frame, "Methods that gave no points for a set of cameras; the others are compared without.")
 
 
 def claims_of(found: pd.DataFrame) -> pd.DataFrame:
@@ -211,20 +152,13 @@ def _plots(found: pd.DataFrame) -> list[Plot]:
     return [plot for plot in plots if len(plot.data)]
 
 
-def _figures(found: pd.DataFrame) -> dict[str, Any]:
-    ends = {}
-    for kind in ("exact", "estimated"):
-        part = of(found, calibration=kind, ranges="spread", method=WLS)
-        ends[f"gain_{kind}_few"] = part[part["cameras"] <= FEW]["gain"]
-        ends[f"gain_{kind}_many"] = part[part["cameras"] >= MANY]["gain"]
-    estimated = of(found, calibration="estimated")
-    ends["gain_estimated_gls"] = of(estimated, ranges="spread", method="gls")["gain"]
-    ends["nees_claiming_pixels"] = of(estimated, method="ml")["nees_narrow"]
-    ends["nees_claiming_blocks"] = of(estimated, method=WLS)["nees_narrow"]
-    ends["nees_claiming_sandwich"] = of(estimated, method=WLS)["nees_frame"]
-    ends["wls_over_gls"] = of(estimated, method=WLS)["over_gls"]
-    ends["repeated_exact"] = of(found, calibration="exact", method="gls")["repeated"].astype(float)
-    return {name: [float(v.min()), float(v.max())] for name, v in ends.items() if v.notna().any()}
-
-
-STUDY = Study("wls", "Weighted least squares by parametric equations", CLAIM, cases, read)
+STUDY = Study(
+    name="wls",
+    title="Weighted least squares by parametric equations",
+    claim="Weighted least squares by parametric equations is better than ordinary least squares with few cameras, and "
+    "not worse with many.",
+    rests_on=("few_exact", "few_estimated", "many_exact", "many_estimated"),
+    cases=cases,
+    read=read,
+    conclusion=Path(__file__).with_name("conclusion.md"),
+)

@@ -1,12 +1,9 @@
 """Study `wls`: which part of the errors comes again in every exposure of a scene, and which scatters."""
 
-from functools import cache
-
 import numpy as np
 import pandas as pd
-from scipy.stats import t as student
 
-from testfield_studies.wls.experiment import P
+from testfield.statistics.jackknife import jackknife
 
 
 def repeated(good: pd.DataFrame, by: list[str]) -> pd.DataFrame:
@@ -22,12 +19,6 @@ def repeated(good: pd.DataFrame, by: list[str]) -> pd.DataFrame:
         if found is not None:
             rows.append(dict(zip(columns, [*(key if isinstance(key, tuple) else (key,)), *found], strict=True)))
     return pd.DataFrame(rows, columns=columns)
-
-
-@cache
-def factor(n: int) -> float:
-    """Student's t for a 95 % interval from n exposures."""
-    return float(student.ppf(0.5 + P / 2, n - 1))
 
 
 def share(part: pd.DataFrame) -> tuple[float, float, float] | None:
@@ -49,9 +40,7 @@ def share(part: pd.DataFrame) -> tuple[float, float, float] | None:
     value = _share(errors)
     if n == 2 or not np.isfinite(value):
         return (value, np.nan, np.nan) if np.isfinite(value) else None
-    left = np.array([_share(np.delete(errors, k, axis=0)) for k in range(n)])
-    reach = np.sqrt((n - 1) / n * ((left - left.mean()) ** 2).sum()) * factor(n)
-    return value, float(value - reach), float(value + reach)
+    return jackknife(value, np.array([_share(np.delete(errors, k, axis=0)) for k in range(n)]))
 
 
 def _share(errors_mm: np.ndarray) -> float:
