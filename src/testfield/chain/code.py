@@ -28,8 +28,9 @@ def code_digest(*modules: str, without: tuple[str, ...] = ()) -> str:
 
     Packages named in `without` do not count, nor what only they import.
 
-    A module of somebody else's package (an algorithm of one's own) counts with its own file. Files that lie beside a
-    module and are not Python, like the report's template, count with it; pages for people do not.
+    A module of somebody else's package (an algorithm or a study of one's own) counts with all that it imports of that
+    package and of this one. Files that lie beside a module of this package and are not Python, like the report's
+    template, count with it; pages for people do not.
     """
     state = hashlib.sha256(repr([sys.version_info[:2], [package_version(name) for name in PACKAGES]]).encode())
     for path in sorted(sources(modules, without)):
@@ -51,7 +52,8 @@ def sources(modules: tuple[str, ...], without: tuple[str, ...] = ()) -> set[Path
             found |= {
                 other for other in path.parent.iterdir() if other.is_file() and other.suffix not in (".py", ".md")
             }
-            queue += [name for name in imports(path) if name.split(".")[0] == "testfield"]
+        known = {"testfield", name.split(".")[0]}
+        queue += [other for other in imports(path) if other.split(".")[0] in known]
     return found
 
 
@@ -75,7 +77,10 @@ def imports(path: Path) -> frozenset[str]:
 def _file(module: str) -> Path | None:
     parts = module.split(".")
     if parts[0] != "testfield":
-        spec = find_spec(module)
+        try:
+            spec = find_spec(module)
+        except ModuleNotFoundError:  # not a module, but a name in one
+            return None
         return Path(spec.origin) if spec and spec.origin and Path(spec.origin).is_file() else None
     path = ROOT.joinpath(*parts[1:])
     for candidate in (path.with_suffix(".py"), path / "__init__.py"):
