@@ -69,8 +69,9 @@ def number(value: float, form: str = "") -> str:
         return format(value, form).replace("%", " %")
     if value == 0 or (abs(value) < 1e6 and float(value).is_integer()):
         return f"{value:.0f}"
-    digits = 2 - int(np.floor(np.log10(abs(value))))
-    return f"{value:.2e}" if digits > 7 or digits < -3 else f"{round(value, digits):.{max(digits, 0)}f}"
+    scientific = f"{value:.2e}"
+    digits = 2 - int(scientific.partition("e")[2])
+    return scientific if digits > 7 or digits < -3 else f"{float(scientific):.{max(digits, 0)}f}"
 
 
 Quantities = Mapping[str, Quantity]

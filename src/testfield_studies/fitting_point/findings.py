@@ -131,6 +131,7 @@ def _unseen(spread: pd.DataFrame, right: pd.DataFrame, layout: str) -> Finding:
     row = _row(spread, layout, WAYS["equal"])
     quantities = {"unseen_square": Quantity((low + high) / 2, low, high, "µm²")}
     quantities |= {name: _of(row, column, unit) for name, (column, unit) in SPREAD.items()}
+    quantities["nees_of_all_points"] = Quantity(float(right["points_anees"].mean()))
     question = f"Is the fitted point off by more than its dispersion tells (equal weights, {layout})?"
     return Finding(f"unseen_{_key(layout)}", question, quantities, above("unseen_square", 0))
 

@@ -4,8 +4,8 @@ The scene is small, so that hundreds of it can be rendered: a board, a control b
 megapixel, none of them ever before another. Its true lens is a pinhole but for what two of the factors add, and
 calibration holds all distortion at zero: what they add is left uncorrected. Boards are printed exactly and the bar is
 as long as its certificate says, because every run has noise and a workshop of its own: where the marks were printed,
-the boards' scale and the bar's length are drawn anew (`testfield_studies.grey.runs`). The sensor's well is deep, so that
-shot noise is not most of it.
+the boards' scale and the bar's length are drawn anew (`testfield_studies.grey.runs`). The sensor's well is deep, so
+that shot noise is not most of it.
 """
 
 import math

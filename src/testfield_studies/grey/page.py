@@ -136,16 +136,18 @@ def _design_plots(found: Design) -> list[Plot]:
          for name, rank in zip(NAMES, places(s), strict=True)]
     )  # fmt: skip
     acts = bool(found.acting.any())
+    summary = found.summary if acts else found.summary.drop(columns=list(ABOVE))
     above = "; right: share of bootstraps in which the dummy stands above an acting factor"
     return [
         Plot("shares", "What drives accuracy",
              f"Shares of the variance of ln RMSE and total Sobol indices on the same runs; lines: {found.drawn}; "
-             "dotted: the dummy's total index, the runs' own noise.", found.factors, draw_shares, (8.2, 3.8), columns=2),
+             "dotted: the dummy's total index, the runs' own noise.", found.factors, draw_shares, (8.2, 3.8),
+             columns=2),
         Plot("ranks", "Ranks by every method", "1, dark: the most important. Factors in the order of the analysis of "
              "variance.", ranks, draw_ranks, (8.2, 4.2)),
         Plot("agreement", "How the methods agree, and what they make of nothing",
              f"Left: Kendall's tau with the analysis of variance; lines: {found.drawn}"
-             f"{above if acts else ''}.", found.summary if acts else found.summary.drop(columns=list(ABOVE)), draw_agreement, (8.2, 3.8), columns=2),
+             f"{above if acts else ''}.", summary, draw_agreement, (8.2, 3.8), columns=2),
     ]  # fmt: skip
 
 

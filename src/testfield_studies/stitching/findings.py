@@ -75,7 +75,7 @@ def field_findings(counts: pd.DataFrame, cuts: pd.DataFrame, rows: pd.DataFrame)
         f.compared(
             "points",
             f"Do {f.most} boards give better check points than one?",
-            {"most": ("planned", f.most), "one": ("planned", 1)},
+            {"most": ("planned", f.most), "one": ("planned", 1), "three": ("planned", 3)},
             "check_rmse_mm",
         ),
         *_placed(f),
