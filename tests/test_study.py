@@ -154,6 +154,11 @@ def test_a_paragraph_whose_figures_were_not_measured_is_left_out(tmp_path: Path)
     assert concluded(paragraphs, [_finding("a", 2.0, y=np.nan)]) == []
     assert concluded(paragraphs, [_finding("a", 2.0, y=5.0)]) == ["5"]
     assert concluded(paragraphs, [Finding("a", "Is a large?", {}, above("x", 1))]) == []
+    told = read_conclusion(_conclusion(tmp_path, "<!-- a: open -->\nNobody knows.\n"))
+    assert concluded(told, [_finding("a", np.nan)]) == []
+    assert concluded(told, [Finding("a", "Is a large?", {"x": Quantity(1, 0.5, 2)}, above("x", 1))]) == [
+        "Nobody knows."
+    ]
 
 
 @pytest.mark.parametrize(
@@ -186,6 +191,7 @@ def test_every_finding_of_a_study_has_a_paragraph_for_holding_or_failing(name: s
     silent = [name for name in names if not {(name, HOLDS), (name, FAILS)} & said]
     assert not silent
     assert {finding.outcome for finding in findings} == {OPEN} and study.verdict(Results(findings)) == OPEN
+    assert not study.concluded(Results(findings))
 
 
 def test_studies_are_found_by_name_and_an_unknown_one_is_refused() -> None:

@@ -289,8 +289,6 @@ WITHOUT = {
 }
 
 
-
-
 @pytest.mark.parametrize("left", WITHOUT.values(), ids=WITHOUT)
 def test_what_is_not_done_yet_is_open_and_the_rest_is_as_before(left: Any) -> None:
     rows = left(_table()).dropna(axis=1, how="all").reset_index(drop=True)

@@ -54,8 +54,8 @@ def _asserted(marker: str, path: Path) -> dict[str, frozenset[Outcome]]:
 
 
 def concluded(paragraphs: list[Paragraph], findings: list[Finding]) -> list[str]:
-    """The texts of those paragraphs whose findings have the outcomes that they assert, with their figures; not those
-    that show a quantity which was not measured.
+    """The texts of those paragraphs whose findings have the outcomes that they assert, with their figures; not those of
+    findings that are open for want of figures, nor those that show a quantity which was not measured.
 
     Raises `TestfieldError` where a paragraph names a finding or a quantity that there is not.
     """
@@ -63,7 +63,9 @@ def concluded(paragraphs: list[Paragraph], findings: list[Finding]) -> list[str]
     texts = []
     for paragraph in paragraphs:
         shown = _quantities(paragraph, by_name)
-        asserted = all(by_name[name].outcome in wanted for name, wanted in paragraph.asserted.items())
+        asserted = all(
+            by_name[name].measured and by_name[name].outcome in wanted for name, wanted in paragraph.asserted.items()
+        )
         if asserted and all(name in shown and shown[name].known for name in paragraph.placeholders):
             texts.append(paragraph.text.format(**shown))
     return texts

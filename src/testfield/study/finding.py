@@ -88,8 +88,11 @@ class Rule:
 
     def outcome(self, quantities: Quantities) -> Outcome:
         """What the rule says."""
-        there = all(name in quantities and quantities[name].known for name in self.needs)
-        return self.decide(quantities) if there else Outcome.OPEN
+        return self.decide(quantities) if self.can_tell(quantities) else Outcome.OPEN
+
+    def can_tell(self, quantities: Quantities) -> bool:
+        """Whether all that it needs was measured."""
+        return all(name in quantities and quantities[name].known for name in self.needs)
 
 
 @dataclass(frozen=True)
@@ -107,6 +110,11 @@ class Finding:
         """Whether it holds, fails or is open."""
         return self.rule.outcome(self.quantities)
 
+    @property
+    def measured(self) -> bool:
+        """Whether an open outcome is the quantities' and not for want of them."""
+        return self.rule.can_tell(self.quantities)
+
     def row(self) -> dict[str, Any]:
         """The finding as plain values."""
         quantities = {
@@ -117,6 +125,7 @@ class Finding:
             "name": self.name,
             "question": self.question,
             "outcome": str(self.outcome),
+            "measured": self.measured,
             "rule": self.rule.words,
             "quantities": quantities,
         }
