@@ -21,6 +21,11 @@ def of(row: pd.Series, column: str, unit: str = "", ends: tuple[str, str] | None
     return Quantity(float(row[column]), low, high, unit)
 
 
+def interval_of(row: pd.Series, column: str, unit: str = "") -> Quantity:
+    """One column of a row with the interval that stands beside it."""
+    return of(row, column, unit, (f"{column}_low", f"{column}_high"))
+
+
 def median(row: pd.Series, unit: str = "") -> Quantity:
     """The median of a row with its interval."""
     return of(row, "median", unit, ("low", "high"))
@@ -28,4 +33,5 @@ def median(row: pd.Series, unit: str = "") -> Quantity:
 
 def three(values: tuple[float, float, float], unit: str = "") -> Quantity:
     """A value and the ends of its interval."""
-    return Quantity(*(float(value) for value in values), unit)
+    value, low, high = (float(v) for v in values)
+    return Quantity(value, low, high, unit)

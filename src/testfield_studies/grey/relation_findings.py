@@ -23,6 +23,7 @@ from testfield_studies.grey.rankings import (
     sweep_table,
     turned_round,
 )
+from testfield_studies.quantities import of
 
 OFTEN = 0.05
 """The dummy stands above an acting factor too often where it does so in more than this part of bootstraps."""
@@ -118,7 +119,7 @@ def _ranking(d: Design | None) -> Finding:
         }
         for name in METHODS:
             key = name.replace(" ", "_").replace(",", "")
-            quantities[f"tau_{key}"] = Quantity(*(float(v) for v in d.by.loc[name, ["tau", "low", "high"]]))
+            quantities[f"tau_{key}"] = of(d.by.loc[name], "tau", ends=("low", "high"))
 
     def decide(q: Quantities) -> Outcome:
         if q["base_rows"].value < FEW:
@@ -179,7 +180,7 @@ def _spread(d: Design | None) -> Finding:
 
 
 def _zero(d: Design | None) -> Finding:
-    quantities = {}
+    quantities: dict[str, Quantity] = {}
     if d:
         for k, row in enumerate(d.offsets.to_dict("records")):
             quantities |= {f"rank_{k}": Quantity(row["rank"]), f"degree_{k}": Quantity(row["degree"])}

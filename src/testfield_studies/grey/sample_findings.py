@@ -122,7 +122,7 @@ def _sorted(judged: Judged | None) -> Finding:
 
 def _laws(samples: Samples | None) -> Finding:
     """How far the estimate over sigma of 30 values goes from law to law, beside Bessel's."""
-    quantities = {}
+    quantities: dict[str, Quantity] = {}
     if samples:
         judged, spread = samples.judged, {}
         for key, name in KEYS.items():

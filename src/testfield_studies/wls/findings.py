@@ -1,13 +1,12 @@
 """Study `wls`, the findings: when weighting pays, what it costs to ignore that cameras share errors, which claims are
 true."""
 
-from typing import Any
-
 import numpy as np
 import pandas as pd
 
 from testfield.statistics.decide import Side
 from testfield.study.finding import Finding, Outcome, Quantities, Quantity, Rule, within
+from testfield_studies.quantities import interval_of
 from testfield_studies.wls.cells import CELL, OLS, ROW, SAME, WLS, law_holds, of, tell
 
 FEW, MANY = 4, 8
@@ -16,6 +15,7 @@ SYSTEMATIC = 0.2
 """By how much NEES must surely exceed 1 before a claim is called too small."""
 POINTS = 1000
 """So many points a cell is to have."""
+REPEATED = ("repeated", "repeated_low", "repeated_high")
 KINDS = ("exact", "estimated")
 SAYS = {"larger": Side.ABOVE, "smaller": Side.BELOW, "no_different": Side.SAME, "not_told": Side.OPEN}
 
@@ -257,11 +257,11 @@ def _repeated(exact: pd.DataFrame) -> list[Finding]:
     worst = more.loc[more["nees"].idxmax()] if len(more) else none
     part = float(worst["repeated"])
     excess = {
-        "nees": Quantity(*(float(worst[f"nees{end}"]) for end in ("", "_low", "_high"))),
+        "nees": interval_of(worst, "nees"),
         "rmse": Quantity(1e3 * float(worst["rmse_mm"]), unit="µm"),
         "predicted": Quantity(1e3 * float(worst["predicted_mm"]), unit="µm"),
         "again": Quantity(1e3 * float(worst["rmse_mm"]) * np.sqrt(max(part, 0)), unit="µm"),
-        "again_percent": Quantity(*(100 * float(worst[f"repeated{end}"]) for end in ("", "_low", "_high"))),
+        "again_percent": interval_of(100 * worst[list(REPEATED)], "repeated"),
         "cameras": Quantity(float(worst["cameras"])),
     }
     # What scatters surely, against what is claimed to.
@@ -300,8 +300,7 @@ def _repeated(exact: pd.DataFrame) -> list[Finding]:
 def _worst(rows: pd.DataFrame, name: str) -> Quantity:
     if rows.empty:
         return Quantity(np.nan)
-    row: Any = rows.loc[rows[name].idxmax()]
-    return Quantity(*(float(row[f"{name}{end}"]) for end in ("", "_low", "_high")))
+    return interval_of(rows.loc[rows[name].idxmax()], name)
 
 
 def _points(found: pd.DataFrame) -> Finding:
