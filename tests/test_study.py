@@ -4,9 +4,11 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 import pytest
 
+from testfield.chain.code import sources
 from testfield.chain.run import Run
 from testfield.errors import TestfieldError
 from testfield.study.cases import Case

@@ -18,12 +18,12 @@ from testfield.scene.schema import SceneFile
 from testfield.scene.truth import see
 from testfield.scene.world import World
 from testfield.score.camera import true_in_datum
+from testfield.score.chain_growth import chain_errors, grown, link_of_marks
 from testfield.study.cases import Case, changed
 from testfield.study.run_cases import case_key, run_cases
 from testfield_studies.stitching import experiment as stitching
 from testfield_studies.stitching import plan as stitching_plan
 from testfield_studies.stitching import scenes as stitching_scenes
-from testfield_studies.stitching.chain_growth import chain_errors, grown, link_of_marks
 
 
 def _scene(table: stitching_scenes.Table) -> SceneFile:

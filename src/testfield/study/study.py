@@ -18,8 +18,6 @@ from testfield.study.conclusion import concluded, read_conclusion
 from testfield.study.finding import Finding, Outcome, verdict_of
 from testfield.study.run_cases import FAILURE, finished, run_cases
 
-FORMAT = 2
-
 
 @dataclass(frozen=True)
 class Table:
@@ -122,8 +120,7 @@ def run_study(study: Study, folder: Path, quick: bool, jobs: int, so_far: bool =
 
 def summary(study: Study, results: Results, extent: Extent) -> dict[str, Any]:
     """What `findings.json` says."""
-    return {
-        "format_version": FORMAT,
+    return stamp() | {
         "study": study.name,
         "quick": extent.quick,
         "claim": study.claim,

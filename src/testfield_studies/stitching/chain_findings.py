@@ -3,12 +3,12 @@
 import numpy as np
 import pandas as pd
 
+from testfield.score.chain_growth import link_of_marks
 from testfield.statistics.decide import Side, side_of
+from testfield.statistics.intervals import LEAST_WORLDS, ratio_of, share_of
 from testfield.study.finding import Finding, Outcome, Quantities, Quantity, Rule, above, less, within
 from testfield_studies.quantities import median, of, row_of, three
-from testfield_studies.stitching.chain_growth import link_of_marks
 from testfield_studies.stitching.findings import TELLING_WORLDS, Fields
-from testfield_studies.stitching.intervals import LEAST_WORLDS, ratio_of, share_of
 from testfield_studies.stitching.plan import CHAIN, LONG_CHAIN, PRINT_MM
 from testfield_studies.stitching.scenes import sub_board_marks_mm
 

@@ -26,13 +26,13 @@ from testfield.scene.schema import SceneFile
 from testfield.scene.truth import see
 from testfield.scene.world import World
 from testfield.score.camera import score_boards, score_camera
+from testfield.score.chain_growth import chain_errors
+from testfield.score.mother_board import fitted_rms_mm, mother_marks, mother_scores
 from testfield.score.points import score_points
 from testfield.seeds import seed_of
 from testfield.study.cases import Case
 from testfield.uncertainty.mark_numbers import normals_of_marks
 from testfield_studies.stitching import scenes
-from testfield_studies.stitching.chain_growth import chain_errors
-from testfield_studies.stitching.mother_board import fitted_rms_mm, mother_marks, mother_scores
 
 CELLS = (8, 6)
 """Parts of the image, across and down, in which coverage is counted."""

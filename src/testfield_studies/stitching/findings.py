@@ -6,9 +6,9 @@ import numpy as np
 import pandas as pd
 
 from testfield.statistics.consistency import hit_band
+from testfield.statistics.intervals import ratio_of
 from testfield.study.finding import Finding, Outcome, Quantities, Quantity, Rule, below, less
 from testfield_studies.quantities import median, of, row_of, three
-from testfield_studies.stitching.intervals import ratio_of
 
 GOOD_PX = 0.02
 """A lens known this well at the image's corners costs little beside the error of a mark's centre."""

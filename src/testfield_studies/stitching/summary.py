@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from testfield_studies.stitching.chain_growth import grown
+from testfield.score.chain_growth import grown
+from testfield.statistics.intervals import lag_of, median_of, rms_of
 from testfield_studies.stitching.experiment import NO_BAR
-from testfield_studies.stitching.intervals import lag_of, median_of, rms_of
 from testfield_studies.stitching.scenes import PITCH_MM
 
 TARGETS = ("planned", "flat", "random")

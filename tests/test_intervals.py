@@ -1,9 +1,9 @@
-"""Intervals of medians, rms, shares, ratios and correlations that the study on stitched boards tells."""
+"""Intervals of medians, rms, shares, ratios and correlations."""
 
 import numpy as np
 import pytest
 
-from testfield_studies.stitching.intervals import lag_of, median_of, ratio_of, rms_of, share_of
+from testfield.statistics.intervals import lag_of, median_of, ratio_of, rms_of, share_of
 
 
 def test_medians_and_their_intervals() -> None:

@@ -1,4 +1,4 @@
-"""Intervals of what the study on stitched boards measures: of medians, of rms, and of what worlds in pairs tell."""
+"""Intervals of medians, of rms, of shares, and of what worlds in pairs tell (METHODS section 9.2)."""
 
 import numpy as np
 from scipy.stats import binom, chi2
