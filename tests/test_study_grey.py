@@ -32,6 +32,7 @@ from testfield_studies.grey import runs as grey_runs
 from testfield_studies.grey import samples as grey_samples
 from testfield_studies.grey import small_samples as grey_small_samples
 from testfield_studies.grey.factors import DUMMY, FACTORS, NAMES, WORKSHOP, levels_of, scene_of
+from testfield_studies.grey.sweeps import sweep_table
 from testfield_studies.truth import exact_calibration
 
 HOLDS, FAILS, OPEN = Outcome.HOLDS, Outcome.FAILS, Outcome.OPEN
@@ -214,12 +215,12 @@ def test_a_dummy_above_acting_factors_is_counted():
 
 def test_a_sweeps_slope_is_what_was_put_in_within_its_uncertainty():
     rows = _rows(1, 0.2, 5, 4)
-    table = grey_rankings.sweep_table(rows[rows["set"] == "sweep"]).set_index("factor")
+    table = sweep_table(rows[rows["set"] == "sweep"]).set_index("factor")
     assert np.allclose(table["u"], 0.2 / np.sqrt(4 * 0.625), rtol=0.6)
     assert (np.abs(table["change of ln RMSE"] - EFFECT) < 4 * table["u"]).all()
     assert ((table["change of ln RMSE"] - EFFECT) ** 2 / table["u"] ** 2).mean() < 2.5
     exact = _rows(1, 0.0, 5, 4)
-    exact = grey_rankings.sweep_table(exact[exact["set"] == "sweep"])
+    exact = sweep_table(exact[exact["set"] == "sweep"])
     assert np.allclose(exact["change of ln RMSE"], EFFECT, atol=1e-12) and np.allclose(exact["u"], 0, atol=1e-12)
 
 

@@ -20,9 +20,9 @@ from testfield_studies.grey.rankings import (
     explained,
     places,
     reversals,
-    sweep_table,
     turned_round,
 )
+from testfield_studies.grey.sweeps import sweep_table
 from testfield_studies.quantities import of
 
 OFTEN = 0.05

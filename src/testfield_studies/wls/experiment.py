@@ -26,7 +26,7 @@ from testfield.reconstruct.estimate import Method, Solved, pixel_covariance, san
 from testfield.reconstruct.ml import REPROJECTION
 from testfield.reconstruct.parametric_wls import by_ray
 from testfield.reconstruct.points import Points
-from testfield.reconstruct.sights import Sights, rays_of, sights_of
+from testfield.reconstruct.sights import rays_of, sights_of
 from testfield.scene.world import CHECK, World
 from testfield.score.align import aligned_covariance, rigid_fit
 from testfield.score.camera import true_in_datum
@@ -44,7 +44,7 @@ WORKSHOP = {"print_mm": 0.02, "scale_ppm": 20.0, "bar_mm": 0.005}
 """Standard deviations of each coordinate of each mark, of the boards' common scale, of the bar's length."""
 NUMBERS = (2, 3, 4, 6, 8, 12, 16)
 MOST_OF_THEM = 0.75
-"""Of so many of the cameras a target must have been measured to be compared."""
+"""The part of the cameras from which a target must have been measured to be compared."""
 EXPOSURES = 26
 """Times 42 check targets: 1,092 points in a cell, twice as many where two sets of cameras make one; with three targets
 lost in every exposure there are still more than 1,000."""
@@ -177,7 +177,7 @@ def scored(
     (n, 3, 3)) where there is one. That claim is of single points: it says nothing of what points share, so what a fit
     leaves of it cannot be told.
 
-    Of methods in `KEPT_ERRORS` also `error_mm`, the errors that make `square_mm2`, point after point, and `codes`.
+    Of methods in `KEPT_ERRORS` also `error_mm`, the errors in `square_mm2`, point after point, and `codes`.
     """
     rows = points.rows(codes)
     error, covariance = points.xyz_mm[rows] - true_mm, points.covariance_of(rows)
@@ -243,8 +243,9 @@ def _of_the_cameras(
     """The gain by the law of METHODS section 1.7, of ranges alone and with each ray's own noise, and how many cameras
     the latter's weights make (`law_cameras`), as means over the points; and unit normals (n, 3) of the planes in which
     the first two rays of each point lie."""
-    sights = sights_of(seen, calibration, sheet)
-    sights = _take(sights, codes)
+    every = sights_of(seen, calibration, sheet)
+    place = {int(code): k for k, code in enumerate(every.code)}
+    sights = every.take(np.array([place[code] for code in codes], int))
     depth = rays_of(sights, calibration, true_mm).depth_mm
     noise = np.sqrt(np.trace(sights.cov_px2, axis1=-2, axis2=-1))
     toward = calibration.stations.origin_mm[sights.station[:, :2]] - true_mm[:, None]
@@ -275,11 +276,6 @@ def _across(points: Points, codes: list[int], true_mm: np.ndarray, normal: np.nd
     claimed = np.einsum("ni,nij,nj->n", normal, _blocks(points.covariance_of(rows)), normal)
     along = np.einsum("ni,ni->n", normal, error)
     return {"square_normal_mm2": float((along**2).sum()), "claimed_normal_mm2": float(claimed.sum())}
-
-
-def _take(sights: Sights, codes: list[int]) -> Sights:
-    place = {int(code): k for k, code in enumerate(sights.code)}
-    return sights.take(np.array([place[code] for code in codes], int))
 
 
 def _blocks(cov_mm2: np.ndarray) -> np.ndarray:
