@@ -140,6 +140,7 @@ def _count(blocks: pd.DataFrame) -> Finding:
     first, full = blocks[blocks["block"] == 1], blocks[blocks["trials"] == THESIS]
     least = full["band_99_high"].max()
     quantities = {
+        "block": Quantity(first["trials"].max()),
         "least_beyond": Quantity(first["beyond"].min()),
         "most_beyond": Quantity(first["beyond"].max()),
         "most_of_95": Quantity(first["band_high"].max()),
