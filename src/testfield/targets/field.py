@@ -9,9 +9,10 @@ import numpy as np
 import pydantic
 
 from testfield.errors import speaking
+from testfield.registry import names
 from testfield.store.sheets import FORMAT, LARGEST_MM, Count, Sheet, checked, read_json, unique
 from testfield.store.text import write_text
-from testfield.targets.board_pattern import CIRCLES, SQUARES, BoardPattern, dictionary
+from testfield.targets.board_pattern import BoardPattern, dictionary
 from testfield.targets.camera_sheet import CameraSheet, CameraTable, RigSheet, RigTable, cameras_of, tables_of
 from testfield.targets.marks import RADII, USUAL, Marks, RingRadii
 
@@ -304,7 +305,7 @@ def _board(b: _BoardSheet, bits: int) -> NominalBoard:
         raise ValueError(f"board '{b.name}' has a pattern and no size_mm")
     pattern = None
     if b.pattern is not None:
-        if b.pattern.kind not in (*SQUARES, *CIRCLES):
+        if b.pattern.kind not in names("boards"):
             raise ValueError(f"board '{b.name}': no pattern is called '{b.pattern.kind}'")
         if b.pattern.names:
             dictionary(b.pattern.names)
