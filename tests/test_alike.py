@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from testfield.camera.plane_image import PlaneImage, RoughLens
+from testfield.camera.plane_image import PlaneImage
+from testfield.camera.rough_lens import RoughLens
 from testfield.detect.alike import unlike_neighbours
 
 HOMOGRAPHY = np.array([[0.31, 0.04, 400.0], [-0.05, 0.27, 300.0], [1e-4, 6e-5, 1.0]])

@@ -20,7 +20,7 @@ from testfield.scene.build import build_world
 from testfield.scene.frames import camera_looking
 from testfield.scene.load import load_scene
 from testfield.scene.schema import CertifiedPosesPart
-from testfield.targets.field import CertifiedPose, Field, NominalBoard, ScaleBar, Wand
+from testfield.targets.field import CertifiedPose, Field, NominalBoard, ScaleBar
 from testfield.targets.marks import Marks
 
 WIDTH, HEIGHT = 2448, 2048
@@ -139,7 +139,7 @@ def nees(found: Calibration, camera: Interior, first: int = 0) -> float:
 
 def test_every_method_is_announced() -> None:
     assert {
-        "stitched", "stitched_given", "zhang", "tsai", "dlt", "one_d", "opencv", "opencv_ro", "colmap",
+        "stitched", "stitched_given", "zhang", "tsai", "dlt", "opencv", "opencv_ro", "colmap",
     } <= set(names("calibrators"))  # fmt: skip
 
 
@@ -172,52 +172,6 @@ def test_exact_observations_give_the_truth(case: str) -> None:
     assert found.reprojection_rms_px < 1e-4
     assert len(found.labels) == len(found.covariance)
     assert (np.linalg.eigvalsh(found.covariance) > 0).all()
-
-
-def wand_rows(camera: Interior, wand: Wand, noise: np.random.Generator | None = None, images: int = 40) -> Observations:
-    """A wand that turns about its first target, before a camera at the origin."""
-    rng = np.random.default_rng(1)
-    fixed = np.array([30.0, 350, 1500])
-    towards = rng.normal(0, 1, (images, 3)) * [1, 0.6, 0.8] + [0, -1.0, 0]
-    towards /= np.linalg.norm(towards, axis=1, keepdims=True)
-    xyz = fixed + np.array(wand.at_mm)[None, :, None] * towards[:, None]
-    xy = project(camera, Poses.identity(xyz.size // 3), xyz.reshape(-1, 3))
-    n, k = len(xy), len(wand.codes)
-    xy = xy + (SIGMA_PX * noise.standard_normal(xy.shape) if noise else 0)
-    return Observations(
-        tuple(f"w{i}" for i in range(images)), np.repeat(np.arange(images), k), xy,
-        np.tile(SIGMA_PX**2 * np.eye(2), (n, 1, 1)), np.tile(4 * np.eye(2), (n, 1, 1)), np.tile(wand.codes, images),
-        np.full(n, -1), np.full(n, -1), np.ones(n), np.full(n, MEASURED, object), False,
-    )  # fmt: skip
-
-
-WAND = Wand("wand", (7, 8, 9), (0.0, 400.0, 800.0), 0.0)
-
-
-def test_a_wand_gives_the_camera_and_its_scatter() -> None:
-    field = Field(14, (), (), {}, wands=(WAND,))
-    hold = ("k3",)
-    found = calibrated("one_d", wand_rows(BROWN, WAND), field, hold=hold)
-    assert np.abs(found.interior.parameters - BROWN.parameters).max() < 1e-5
-    rng, squares, chi2 = np.random.default_rng(2), [], []
-    for _ in range(12):
-        noisy = calibrated("one_d", wand_rows(BROWN, WAND, rng), field, hold=hold)
-        free = [k for k, name in enumerate(BROWN.names) if name in noisy.labels]
-        error = (noisy.interior.parameters - BROWN.parameters)[free]
-        squares.append(error @ np.linalg.solve(noisy.covariance[: len(free), : len(free)], error) / len(free))
-        chi2.append(noisy.sigma0**2)
-    assert np.mean(squares) == pytest.approx(1, abs=3 * np.sqrt(2 / (12 * 8)))
-    assert np.mean(chi2) == pytest.approx(1, abs=0.1)
-
-
-def test_a_wand_that_only_turns_in_one_plane_is_not_enough() -> None:
-    rows = wand_rows(PINHOLE, WAND)
-    angle = np.linspace(-1, 1, 40)
-    towards = np.column_stack([np.sin(angle), -np.cos(angle), 0 * angle])
-    xyz = np.array([30.0, 350, 1500]) + np.array(WAND.at_mm)[None, :, None] * towards[:, None]
-    rows = replace(rows, xy_px=project(PINHOLE, Poses.identity(120), xyz.reshape(-1, 3)))
-    with pytest.raises(TestfieldError, match="wand 'wand' do not determine the camera"):
-        calibrated("one_d", rows, Field(14, (), (), {}, wands=(WAND,)))
 
 
 NOISY = {
@@ -308,11 +262,10 @@ def test_given_poses_join_boards_that_share_no_image_and_need_no_first_board() -
         calibrated("stitched_given", rows, sheet())
 
 
-def test_a_sheet_with_poses_and_a_wand_is_read_as_it_was_written(tmp_path) -> None:  # type: ignore[no-untyped-def]
-    field = replace(certified(sheet(), 1e-5, 0.02), wands=(WAND,))
+def test_a_sheet_with_poses_is_read_as_it_was_written(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    field = certified(sheet(), 1e-5, 0.02)
     field.save(tmp_path / "field.json")
     again = Field.load(tmp_path / "field.json")
-    assert again.wands == field.wands
     assert [b.pose for b in again.boards] == [b.pose for b in field.boards]
 
 

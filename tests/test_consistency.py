@@ -5,13 +5,11 @@ import pytest
 from test_reconstruction import PINHOLE, calibration_of, seen
 
 from testfield.camera.pose import Poses
-from testfield.errors import TestfieldError
 from testfield.reconstruct.points import Points
 from testfield.registry import find
 from testfield.scene.frames import camera_looking
 from testfield.score.acceptance import measured
-from testfield.statistics.consistency import decorrelated, pit_uniformity, zeta
-from testfield.uncertainty.expanded import effective_freedom, expanded_factor
+from testfield.statistics.consistency import decorrelated, pit_uniformity
 
 
 # ------------------------------------------------------------------ 3.3
@@ -29,40 +27,7 @@ def test_a_length_between_uncertain_points_is_too_long_by_its_second_order() -> 
     assert mass @ lengths.dl_mm == pytest.approx(1e-5, abs=1e-9)
 
 
-# ------------------------------------------------------------------ 5.3
-def test_effective_degrees_of_freedom_are_welchs_and_satterthwaites() -> None:
-    # GUM H.1, an end gauge: 25, 9.7, 2.9 and 16.6 nm with 18, 25.6, 50 and 2 degrees give 16 and t_99 = 2.92.
-    found = effective_freedom(np.array([25, 9.7, 2.9, 16.6]), np.array([18, 25.6, 50, 2]))
-    assert found == pytest.approx(16.7, abs=0.1)
-    assert expanded_factor(found, 0.99) == pytest.approx(2.92, abs=0.005)
-    # n equal contributions of the same freedom have n times it; what is known leaves none of it to be lost.
-    assert effective_freedom(np.ones(4), np.full(4, 5)) == pytest.approx(20)
-    assert effective_freedom(np.array([1, 1]), np.array([5, np.inf])) == pytest.approx(20)
-    assert effective_freedom(np.ones(3), np.full(3, np.inf)) == np.inf
-    assert expanded_factor(np.inf) == pytest.approx(1.959964, abs=1e-6)
-    for u, freedom in (([1, -1], [3, 3]), ([1.0], [0]), ([0, 0], [3, 3])):
-        with pytest.raises(TestfieldError, match="degrees of freedom"):
-            effective_freedom(np.array(u), np.array(freedom))
-
-
-def test_expanded_uncertainties_of_few_readings_hold_with_students_factor_only() -> None:
-    """Two contributions of three and five readings: 95 % is kept with t, and not with k = 1.96."""
-    rng = np.random.default_rng(1)
-    first, second = rng.normal(0, 1, (20_000, 3)), rng.normal(0, 1, (20_000, 5))
-    error = first.mean(axis=1) + second.mean(axis=1)
-    u = np.stack([first.std(axis=1, ddof=1) / np.sqrt(3), second.std(axis=1, ddof=1) / np.sqrt(5)])
-    total = np.hypot(*u)
-    k = [expanded_factor(effective_freedom(u[:, i], np.array([2, 4]))) for i in range(2000)]
-    assert 0.93 < (np.abs(error[:2000]) <= k * total[:2000]).mean() < 0.99
-    assert (np.abs(error) <= 1.96 * total).mean() < 0.91
-
-
 # ------------------------------------------------------------------ 5.4
-def test_zeta_is_the_difference_over_both_uncertainties() -> None:
-    assert zeta(np.array([10.3]), np.array([10.0]), np.array([0.03]), np.array([0.04])) == pytest.approx(6.0)
-    assert zeta(np.array([9.9]), np.array([10.0]), np.array([0.05])) == pytest.approx(-2.0)
-
-
 def test_the_law_of_true_claims_is_normal_and_that_of_halved_ones_is_not() -> None:
     rng = np.random.default_rng(2)
     A = rng.standard_normal((40, 40))

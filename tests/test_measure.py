@@ -222,7 +222,7 @@ def test_a_field_file_says_what_is_certified() -> None:
     "text, words",
     [
         ("[target]\nkind = 'ring14'\ndiameter = 3", "target.diameter: unknown field"),
-        ("[target]\nkind = 'ring14'\n[[distances]]\ncodes=[1, 2]\nlenght_mm=3", "did you mean length_mm?"),
+        ("[target]\nkind = 'ring14'\n[[distances]]\ncodes=[1, 2]\nlenght_mm=3", "did you mean 'length_mm'?"),
         ("[target]\nkind = 'ring14'\n[[distances]]\ncodes=[1, 1]\nlength_mm=3", "both ends have the same code"),
         ("[target]\nkind = 'ring14'\n[[distances]]\ncodes=[1, 2]\nlength_mm=-3", "distances[0].length_mm: value -3"),
         ("[target]\nkind = 'circles:10x8'\ndiameter_mm = 3", "needs [grid] with spacing_mm"),

@@ -17,15 +17,6 @@ HELD = np.zeros((6, 0))
 """Ways a pose may move: columns (6, k) of small turns (rad) after its rotation, then shifts (mm)."""
 
 
-def on_plane(normal: np.ndarray) -> np.ndarray:
-    """The three ways (6, 3) of a pose that stays on a plane with unit `normal` (3,): a turn about it, shifts within."""
-    across = np.linalg.svd(normal[None, :])[2][1:]
-    ways = np.zeros((6, 3))
-    ways[:3, 0] = normal
-    ways[3:, 1:] = across.T
-    return ways
-
-
 @dataclass(frozen=True)
 class Camera:
     """An interior orientation as an unknown: `known` (p,) is what was known before with standard deviations `u` (p,):

@@ -1,13 +1,12 @@
-"""What residuals can tell: the global test, gross errors, how large one must be to be seen, and whether groups of
-observations are as good as they claim (Baarda 1968; Foerstner 1979, 1985)."""
+"""What residuals can tell: the global test, the test of one observation, and how large a gross error must be to be seen
+(Baarda 1968)."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import chi2 as chi_squared
 
-from testfield.adjust.bundle import Adjustment, adjust
-from testfield.adjust.network import Network
+from testfield.adjust.bundle import Adjustment
 
 SIGNIFICANCE = 0.001
 """Of the test of one observation: one good observation of a thousand is called a gross error."""
@@ -59,6 +58,11 @@ class Reliability:
         """(m,) observations whose errors would show in no residual."""
         return self.redundancy < CONTROLLED
 
+    @property
+    def gross_errors(self) -> np.ndarray:
+        """(m,) observations that contradict all others at the significance `SIGNIFICANCE`."""
+        return self.test**2 > chi_squared.ppf(1 - SIGNIFICANCE, 2)
+
 
 def reliability(adjustment: Adjustment) -> Reliability:
     """How well each image observation is controlled by all others."""
@@ -75,36 +79,3 @@ def reliability(adjustment: Adjustment) -> Reliability:
         detectable = np.where(r > CONTROLLED, np.sqrt(NONCENTRALITY / r), np.inf) * np.linalg.norm(worst, axis=1)
         effect = np.where(r > CONTROLLED, np.sqrt(NONCENTRALITY * (1 - r) / r), np.inf)
     return Reliability(r, test, detectable, effect)
-
-
-def gross_errors(adjustment: Adjustment) -> np.ndarray:
-    """(m,) which observations contradict all others at the significance `SIGNIFICANCE`."""
-    return reliability(adjustment).test ** 2 > chi_squared.ppf(1 - SIGNIFICANCE, 2)
-
-
-def variance_components(
-    network: Network, labels: list[str], group: np.ndarray, rounds: int = 10
-) -> tuple[np.ndarray, np.ndarray, Adjustment]:
-    """Variance factors (g,) of groups 0 ... g-1 of observations (m,), their standard uncertainties, and the adjustment
-    with covariances that were multiplied by them.
-
-    Iterated best quadratic estimation in Foerstner's form: each group's weighted residuals over its own redundancy. A
-    group that the others do not control keeps its claim.
-    """
-    groups = int(group.max()) + 1
-    factor, u = np.ones(groups), np.zeros(groups)
-    for _ in range(rounds):
-        scaled = replace(network, cov_px2=network.cov_px2 * factor[group][:, None, None])
-        adjustment = adjust(scaled, labels)
-        white = np.linalg.solve(np.linalg.cholesky(scaled.cov_px2), adjustment.residual_px[..., None])[..., 0]
-        redundancy = np.bincount(group, np.einsum("mii->m", adjustment.redundancy), groups)
-        squares = np.bincount(group, (white**2).sum(axis=1), groups)
-        controlled = redundancy > CONTROLLED * np.bincount(group, minlength=groups) + 1
-        change = np.where(controlled, squares / np.maximum(redundancy, 1e-9), 1.0)
-        factor = factor * change
-        u = np.where(controlled, factor * np.sqrt(2 / np.maximum(redundancy, 1e-9)), np.inf)
-        network_start = adjustment.network
-        network = replace(network_start, cov_px2=network.cov_px2)
-        if np.abs(change - 1).max() < 1e-4:
-            break
-    return factor, u, adjustment

@@ -5,7 +5,6 @@ import numpy as np
 WEAK = 1e-6
 """Eigenvalue of the reduced normal matrix at unit diagonal below which a combination of unknowns is hardly known: its
 uncertainty is a thousand times what it would be if all others were known."""
-CORRELATED = 0.98
 NAMED = 0.25
 """Share of a weak combination from which an unknown is named."""
 
@@ -24,12 +23,3 @@ def weak_unknowns(covariance: np.ndarray, labels: list[str]) -> list[str]:
         factor = f"{1 / np.sqrt(values[k]):.2g}" if values[k] > least else f"more than {1 / np.sqrt(least):.0g}"
         notes.append(f"hardly determined together: {', '.join(named)} ({factor} times less than each alone)")
     return notes
-
-
-def strong_correlations(covariance: np.ndarray, labels: list[str]) -> list[tuple[str, str, float]]:
-    """Pairs of unknowns whose correlation exceeds `CORRELATED` in size, strongest first."""
-    sigma = np.sqrt(np.diag(covariance))
-    correlation = covariance / sigma[:, None] / sigma
-    a, b = np.nonzero(np.triu(np.abs(correlation) > CORRELATED, 1))
-    order = np.argsort(-np.abs(correlation[a, b]))
-    return [(labels[a[k]], labels[b[k]], float(correlation[a[k], b[k]])) for k in order]

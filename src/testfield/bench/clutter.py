@@ -9,34 +9,25 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from testfield.bench.clutter_world import ClutterPanels, behind, light_of, world_of
 from testfield.bench.shapes import HIGHLIGHT, SHAPES, Shapes
 from testfield.camera.interior import Interior
-from testfield.camera.pose import Poses, rotation
+from testfield.camera.pose import rotation
 from testfield.camera.project import directions, project_camera
-from testfield.render.direct import DirectLight
 from testfield.render.irradiance import Irradiance
-from testfield.render.mesh_light import MeshLight
-from testfield.scene.world import CHECK, Panels, TrueMarks, World
+from testfield.scene.world import World
 from testfield.seeds import generator
-from testfield.sensor.expose import Sensor
 from testfield.targets.field import Field
 from testfield.targets.marks import RADII
 from testfield.targets.ring_code import BITS, code_words
 
 WIDTH_PX, HEIGHT_PX, FOCAL_PX = 1280, 960, 1600.0
-SENSOR = Sensor(5.0, 8.0, 8.0, 530.0, 0.6, 10_500.0, 2.3, 2.6, 64.0, 12)
-WHITE_E = 6000.0
-"""Electrons in a pixel of the brightest white."""
 SIZES_PX = ((8.0, 12.0), (12.0, 20.0), (20.0, 36.0))
 """Diameters of the targets of a view, of the circle of the dot's area; views take turns."""
 LARGEST_TILT_DEG = 70.0
 BLUR_OF_SEGMENT, BLUR_OF_DOT = 0.29, 0.15
 """Largest blur, as parts of a segment's width in the ring's middle and of a dot's diameter: more blurred, no ring could
 be read, and an 8 px dot not be told from a square."""
-LIT_CORNER = 0.15
-"""Part of the panels of which a lamp lights one corner more than twice as much."""
-NEARER_MM = 150.0
-"""A card whose centre is less than this behind another's may yet hide a part of it: cards are tilted."""
 
 
 @dataclass(frozen=True)
@@ -53,25 +44,6 @@ class ClutteredView:
     clear: np.ndarray
 
 
-class _Panels:
-    """Panels as they are collected: each with its size, frame, albedos and light at its four corners."""
-
-    def __init__(self, random: np.random.Generator):
-        self.random = random
-        self.rows: list[tuple] = []
-
-    def add(self, at: np.ndarray, R: np.ndarray, size: tuple[float, float], ground: float, ink: float) -> int:
-        level = self.random.uniform(0.35, 0.85)
-        slope = self.random.uniform(-0.5, 0.5, 2)
-        corners = level * np.array([1 - slope[0] - slope[1], 1 + slope[0] - slope[1],
-                                    1 - slope[0] + slope[1], 1 + slope[0] + slope[1]])  # fmt: skip
-        corners = np.clip(corners, 0.15, 1.0)
-        if self.random.random() < LIT_CORNER:
-            corners[self.random.integers(4)] = 1.6
-        self.rows.append((at, R, size, ground, ink, corners))
-        return len(self.rows) - 1
-
-
 def cluttered_view(seed: int, index: int, targets: bool = True) -> ClutteredView:
     """View number `index`: code length, ring's shape, polarity, sizes and blur follow from the number by turns."""
     random = generator(seed, f"clutter/{index}")
@@ -83,7 +55,7 @@ def cluttered_view(seed: int, index: int, targets: bool = True) -> ClutteredView
     blur_px = random.uniform(0.4, min(3.0, BLUR_OF_SEGMENT * segment_px, BLUR_OF_DOT * smallest))
     parameters = np.array([FOCAL_PX, FOCAL_PX, 0.5 * WIDTH_PX, 0.5 * HEIGHT_PX, -0.1, 0.03, 0, 2e-4, -3e-4])
     interior = Interior(WIDTH_PX, HEIGHT_PX, parameters)
-    panels = _Panels(random)
+    panels = ClutterPanels(random)
     marks: list[tuple[int, np.ndarray, float, int]] = []
     _background(panels, marks, random)
     rows = (
@@ -99,7 +71,7 @@ def cluttered_view(seed: int, index: int, targets: bool = True) -> ClutteredView
     sight = at / np.linalg.norm(at, axis=1, keepdims=True)
     cosine = np.abs(np.sum(sight * R[:, :, 2], axis=1))
     diameter_px = 2 * radius_mm * FOCAL_PX / at[:, 2] * np.sqrt(cosine / np.maximum(sight[:, 2], 0.1))
-    world = _world(
+    world = world_of(
         panels, marks, shapes, interior, blur_px, Field(bits, (), white_on_black=white_on_black, code_radii=shape)
     )
     code = np.array([marks[k][3] for k in rows], int)
@@ -108,9 +80,9 @@ def cluttered_view(seed: int, index: int, targets: bool = True) -> ClutteredView
     extent_px = diameter_px / np.sqrt(cosine) / 2 * reach
     xy_px = project_camera(interior, at) if len(at) else np.zeros((0, 2))
     inside = ((xy_px > extent_px[:, None]) & (xy_px < [WIDTH_PX, HEIGHT_PX] - extent_px[:, None])).all(axis=1)
-    clear = inside & ~_behind(xy_px, extent_px, at[:, 2], [panels.rows[k] for k in [*panel, *bars]], interior)
+    clear = inside & ~behind(xy_px, extent_px, at[:, 2], [panels.rows[k] for k in [*panel, *bars]], interior)
     tilt_deg = np.degrees(np.arccos(np.clip(cosine, 0, 1)))
-    return ClutteredView(world, _light(panels, shapes), xy_px, code, diameter_px, tilt_deg, clear)
+    return ClutteredView(world, light_of(panels, shapes), xy_px, code, diameter_px, tilt_deg, clear)
 
 
 def _turn(random: np.random.Generator, largest_tilt: float) -> np.ndarray:
@@ -127,7 +99,7 @@ def _place(random: np.random.Generator, near_mm: float, far_mm: float) -> np.nda
     return depth * np.array([random.uniform(-0.45, 0.45), random.uniform(-0.35, 0.35), 1.0])
 
 
-def _background(panels: _Panels, marks: list, random: np.random.Generator) -> None:
+def _background(panels: ClutterPanels, marks: list, random: np.random.Generator) -> None:
     tone = random.uniform(0.03, 0.8)
     panels.add(
         np.array([0, 0, 6500.0]), rotation(np.array([0.1, 0.1, 0])) @ np.diag([1.0, -1, -1]), (9000, 8000), tone, 0
@@ -161,7 +133,7 @@ def _background(panels: _Panels, marks: list, random: np.random.Generator) -> No
         marks.append((panel, size * np.array([0.5, cut]), size * random.uniform(0.3, 0.8), 0))
 
 
-def _shapes(panels: _Panels, blur_px: float, random: np.random.Generator) -> Shapes:
+def _shapes(panels: ClutterPanels, blur_px: float, random: np.random.Generator) -> Shapes:
     """Sheets of shapes in rows, shapes anywhere, and rods that shine; all of it behind the targets."""
     # The pixel blurs too, as much as a Gaussian of 0.29 px; tilt makes what is there half as wide.
     shapes = Shapes(2 * np.hypot(blur_px, 0.29) * 3800 / FOCAL_PX)
@@ -187,7 +159,7 @@ def _shapes(panels: _Panels, blur_px: float, random: np.random.Generator) -> Sha
 
 
 def _targets(
-    panels: _Panels,
+    panels: ClutterPanels,
     marks: list,
     random: np.random.Generator,
     interior: Interior,
@@ -231,7 +203,7 @@ def _facing(at: np.ndarray) -> np.ndarray:
     return np.column_stack([x, np.cross(z, x), z])
 
 
-def _bars(panels: _Panels, random: np.random.Generator) -> list[int]:
+def _bars(panels: ClutterPanels, random: np.random.Generator) -> list[int]:
     """Dark and bright bars in front of everything."""
     made = []
     for _ in range(4):
@@ -240,67 +212,3 @@ def _bars(panels: _Panels, random: np.random.Generator) -> list[int]:
             panels.add(_place(random, 900, 1300), _turn(random, 0.5), size, random.choice([0.03, 0.4, 0.85]), 0)
         )
     return made
-
-
-def _outline(row: tuple, interior: Interior) -> np.ndarray:
-    at, R, size = row[:3]
-    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * np.array(size) / 2
-    return project_camera(interior, at + corners @ R[:, :2].T)
-
-
-def _behind(
-    xy_px: np.ndarray, extent_px: np.ndarray, depth_mm: np.ndarray, panels: list[tuple], interior: Interior
-) -> np.ndarray:
-    """(n,) whether a circle of `extent_px` around each point touches one of the panels that are not farther away; the
-    first n panels are the targets' own cards."""
-    import cv2
-
-    hidden = np.zeros(len(xy_px), bool)
-    for k, row in enumerate(panels):
-        polygon = _outline(row, interior).astype(np.float32)
-        middle, reach = polygon.mean(axis=0), np.ptp(polygon, axis=0).max()
-        near = np.flatnonzero(
-            (np.linalg.norm(xy_px - middle, axis=1) < reach + extent_px) & (row[0][2] < depth_mm + NEARER_MM)
-        )
-        for j in near[near != k]:
-            x, y = (float(v) for v in xy_px[j])
-            hidden[j] |= -cv2.pointPolygonTest(polygon[:, None], (x, y), True) < extent_px[j] + 1
-    return hidden
-
-
-def _light(panels: _Panels, shapes: Shapes) -> Irradiance:
-    n = len(panels.rows)
-    scale = np.pi * WHITE_E / SENSOR.electrons_per_radiance / 0.9
-    values = np.concatenate([row[5] for row in panels.rows]) * scale
-    nothing = DirectLight(np.ones((n, 2), int), np.full(n, 2), np.zeros(4 * n, np.float32))
-    mesh, light = shapes.mesh(), np.concatenate(shapes.light) * scale
-    on_shapes = MeshLight(np.ones(len(mesh.faces), int), light.astype(np.float32))
-    return Irradiance(np.full((n, 2), 2), values.astype(np.float32), nothing, on_shapes)
-
-
-def _world(panels: _Panels, marks: list, shapes: Shapes, interior: Interior, blur_px: float, field: Field) -> World:
-    at, R, size, ground, ink, _ = zip(*panels.rows, strict=True)
-    panel, xy, diameter, code = zip(*marks, strict=True)
-    none = np.full(len(marks), -1)
-    return World(
-        name="clutter",
-        seed=1,
-        field_diagonal_mm=3000.0,
-        panels=Panels(
-            tuple(f"panel{k}" for k in range(len(at))), Poses(np.array(R), np.array(at)), np.array(size, float),
-            np.array(ground, float), np.array(ink, float),
-        ),
-        marks=TrueMarks(
-            np.array(panel), np.array(xy, float), np.array(diameter, float), np.array(code), np.full(len(marks), CHECK),
-            none, none, field.radii,
-        ),
-        world_from_board=Poses.identity(0),
-        station_name=("station",),
-        camera_from_world=Poses.identity(1),
-        interior=interior,
-        psf_sigma_px=blur_px,
-        lights=(),
-        ambient_radiance=0.0,
-        field=field,
-        meshes=(shapes.mesh(),),
-    )  # fmt: skip

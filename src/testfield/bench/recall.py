@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from testfield.bench.clutter import SENSOR, ClutteredView, cluttered_view
+from testfield.bench.clutter import ClutteredView, cluttered_view
+from testfield.bench.clutter_world import SENSOR
 from testfield.camera.images import Frame
 from testfield.detect.detect import Targets, bright_marks, measure_targets
 from testfield.detect.observations import MEASURED

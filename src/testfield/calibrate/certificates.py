@@ -5,7 +5,6 @@ The images settle among themselves first, so a wrong certificate costs no observ
 predicted, with the covariance of both; unknown is only where the network lies and how large it is.
 """
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,28 +12,31 @@ import numpy as np
 from testfield.adjust.bundle import Adjustment
 from testfield.adjust.datum import aligned
 from testfield.adjust.network import EXACT_MM, Distances, Network
-from testfield.adjust.reliability import global_test
 from testfield.adjust.snooping import Blunder, Snooped, snoop
+from testfield.calibrate.certificates_said import (
+    called,
+    other_unit,
+    part_of,
+    record_of,
+    said_of_certificates,
+    scale_source,
+)
 from testfield.calibrate.certified import OTHER_UNIT, Certified, radii
 from testfield.calibrate.loose_discs import measured_radii
+from testfield.calibrate.misclosure import DIAMETERS, DISTANCE, PLACE, PLACES, Item, Misclosure, misclosure_of, place_of
 from testfield.calibrate.similarity import on_a_line, robust_similarity
 from testfield.calibrate.ties import Ties
-from testfield.calibrate.units import unit_of
-from testfield.camera.pose import cross_matrix
 from testfield.targets.field import ScaleBar
 
 FALSE_ALARM = 0.001
 """Chance that any good certificate at all of a field is called wrong. Small, as in Baarda (1968): a good bar that is
 left out takes the scale with it, and certificates that are wrong are wrong by many times what they claim."""
-U_DIAMETER = 0.07
-"""Relative standard uncertainty of a scale by dots' diameters: what blur, paint and oblique views do to them."""
 SCATTERED, CONTRADICT = 1.5, 3.0
 """How many times as much as they claim certificates scatter from which it is said, and from which they do not hold."""
 DOTS_MM = (0.1, 1000.0)
 """Between these are the diameters of targets that people print and stick; others make a length's unit doubtful."""
 BENT = 0.01
 """Part of their extent by which most certified places may miss the network before all of them are in doubt."""
-DISTANCE, PLACE, DIAMETERS, PLACES = "distance", "place", "diameters", "places"
 MOST_LEFT_OUT = {PLACE: 0.4, DISTANCE: 0.5}
 """Part of the certificates of a kind that may be wrong before nobody can say which are: two distances of four that
 agree confirm each other; three places of six, of which seven unknowns are determined, hardly do."""
@@ -53,31 +55,6 @@ class Tested:
     records: tuple[dict, ...] = ()
     notes: tuple[str, ...] = ()
     failures: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class _Item:
-    """A certificate as a possible blunder: its kind, its rows of the misclosure, its columns there (q, d), how it is
-    called."""
-
-    kind: str
-    key: int
-    columns: np.ndarray
-    name: str
-
-
-@dataclass(frozen=True)
-class _Misclosure:
-    """Certified minus predicted `value` (q,) in mm with `cov` (q, q), the unknowns' `design` (q, p), of which the last
-    is the network's relative scale; the certificates as possible blunders; the points at `here_mm` (k, 3); the dots'
-    certified `diameter_mm`, their median."""
-
-    value: np.ndarray
-    cov: np.ndarray
-    design: np.ndarray
-    items: list[_Item]
-    here_mm: dict[int, np.ndarray]
-    diameter_mm: float
 
 
 def without_certificates(network: Network, ties: Ties, certified: Certified) -> Network:
@@ -119,7 +96,7 @@ def tested(adjustment: Adjustment, ties: Ties, certified: Certified, scale_from:
         known, failed = {}, (said,)
         rest = tested(adjustment, ties, Certified(tuple(bars), {}, certified.diameter_mm), "nothing")
         return replace(rest, notes=(*notes, said, *rest.notes), failures=(*failed, *rest.failures))
-    off = _misclosure(adjustment, ties, bars, known, certified)
+    off = misclosure_of(adjustment, ties, bars, known, certified)
     snooped = snoop(
         off.value, off.cov, off.design, [item.columns for item in off.items], [item.kind for item in off.items],
         [_rank(item) for item in off.items], FALSE_ALARM,
@@ -167,7 +144,7 @@ def doubtful_scale(network: Network, ties: Ties, held: Tested) -> list[str]:
 
 def _in_doubt(network: Network, ties: Ties, known: dict[int, tuple[np.ndarray, np.ndarray]]) -> str:
     """A sentence where most places miss the network by more than it can be bent; none else."""
-    here = network.point_mm[[_place(ties, c) for c in known]]
+    here = network.point_mm[[place_of(ties, c) for c in known]]
     target = np.array([xyz for xyz, _ in known.values()])
     if len(known) < 4:
         return ""
@@ -190,84 +167,13 @@ def _in_doubt(network: Network, ties: Ties, known: dict[int, tuple[np.ndarray, n
     return f"most certified places miss the network by {off:.3g} mm or more: {why}; none of them is used"
 
 
-def _place(ties: Ties, code: int) -> int:
-    return int(np.flatnonzero(ties.code == code)[0])
-
-
-def _rank(item: _Item) -> int:
+def _rank(item: Item) -> int:
     """Which certificate is left out where nothing decides: diameters first, then the last of the distances."""
     return {PLACES: -1, PLACE: 0, DISTANCE: 1 + item.key, DIAMETERS: 1_000_000}[item.kind]
 
 
-def _misclosure(
-    adjustment: Adjustment,
-    ties: Ties,
-    bars: list[ScaleBar],
-    known: dict[int, tuple[np.ndarray, np.ndarray]],
-    certified: Certified,
-) -> _Misclosure:
-    network = adjustment.network
-    codes = sorted({*known, *(c for bar in bars for c in bar.codes)})
-    points = np.array([_place(ties, c) for c in codes])
-    column = {c: slice(3 * k, 3 * k + 3) for k, c in enumerate(codes)}
-    test = global_test(adjustment)
-    misfit = test.variance if test.variance > max(test.high, 1.0) else 1.0
-    C = misfit * adjustment.cov.points(points)
-    X = network.point_mm[points]
-    s, R, t = 1.0, np.eye(3), np.zeros(3)
-    if known:
-        rows = [codes.index(c) for c in known]
-        s, R, t = robust_similarity(X[rows], np.array([xyz for xyz, _ in known.values()]))
-    at = {c: s * R @ X[k] + t for k, c in enumerate(codes)}
-    own = radii_ratio(network, ties, certified)
-    q = 3 * len(known) + len(bars) + (own is not None)
-    value, own_cov, gain = np.zeros(q), np.zeros(q), np.zeros((q, 3 * len(codes)))
-    motion, scale = np.zeros((q, 6)), np.zeros(q)
-    items: list[_Item] = []
-    middle = np.mean([at[c] for c in codes], axis=0)
-    for k, (c, (xyz, u)) in enumerate(known.items()):
-        row = slice(3 * k, 3 * k + 3)
-        value[row], own_cov[row] = xyz - at[c], np.maximum(u, EXACT_MM) ** 2
-        gain[row, column[c]] = -s * R
-        motion[row, :3], motion[row, 3:] = np.eye(3), -cross_matrix((at[c] - middle)[None])[0]
-        scale[row] = at[c] - middle
-        items.append(_Item(PLACE, c, _columns(q, row), f"code {c}"))
-    for k, bar in enumerate(bars):
-        line = 3 * len(known) + k
-        a, b = bar.codes
-        length = float(np.linalg.norm(at[a] - at[b]))
-        toward = (at[a] - at[b]) / max(length, 1e-12)
-        value[line], own_cov[line] = bar.length_mm - length, max(bar.u_length_mm, EXACT_MM) ** 2
-        gain[line, column[a]], gain[line, column[b]] = -s * toward @ R, s * toward @ R
-        scale[line] = length
-        items.append(_Item(DISTANCE, k, _columns(q, slice(line, line + 1)), bar.name))
-    if known and (bars or own is not None):
-        items.append(
-            _Item(PLACES, 0, np.where(np.arange(q) < 3 * len(known), scale, 0)[:, None], "the certified places")
-        )
-    if own is not None:
-        # In thousandths, so that the row is of the size of the others.
-        value[-1], own_cov[-1], scale[-1] = 1000 * (own / s - 1), (1000 * U_DIAMETER) ** 2, 1000
-        items.append(_Item(DIAMETERS, 0, _columns(q, slice(q - 1, q)), "the dots' diameters"))
-    design = np.column_stack([motion, scale]) if known else scale[:, None]
-    told = certified.radii(ties.code)
-    diameter = 2 * float(np.nanmedian(told)) if np.isfinite(told).any() else np.nan
-    return _Misclosure(value, np.diag(own_cov) + gain @ C @ gain.T, design, items, at, diameter)
-
-
-def _columns(q: int, row: slice) -> np.ndarray:
-    return np.eye(q)[:, row]
-
-
-def radii_ratio(network: Network, ties: Ties, certified: Certified) -> float | None:
-    """Certified over measured diameter of the dots, their median; none where nothing is certified or measured."""
-    with np.errstate(invalid="ignore"):
-        ratio = certified.radii(ties.code) / measured_radii(network, ties.moments_px2)
-    return float(np.nanmedian(ratio)) if np.isfinite(ratio).any() else None
-
-
 def _judged(
-    off: _Misclosure,
+    off: Misclosure,
     snooped: Snooped,
     bars: list[ScaleBar],
     known: dict[int, tuple[np.ndarray, np.ndarray]],
@@ -288,17 +194,16 @@ def _judged(
     for k, blunder in dropped.items():
         item = off.items[k]
         rivals = [off.items[j] for j in blunder.alike]
-        said = _said(item, blunder, off, bars, known)
+        said = said_of_certificates(item, blunder, off, bars, known)
         if not rivals:
             notes.append(f"{said}: it is left out")
-            if item.kind == DIAMETERS and _other_unit(1 + float(blunder.amount[0]) / 1000):
+            if item.kind == DIAMETERS and other_unit(1 + float(blunder.amount[0]) / 1000):
                 failures.append(notes[-1])
             continue
-        names = ", ".join(_called(rival, bars) for rival in rivals)
-        part = _part(item, blunder, bars)
-        sentence = (
-            f"{said}, and nothing decides between it and {names}: the scale is from {_from(scale_from, left.values())}"
-        )
+        names = ", ".join(called(rival, bars) for rival in rivals)
+        part = part_of(item, blunder, bars)
+        source = scale_source(scale_from, left.values())
+        sentence = f"{said}, and nothing decides between it and {names}: the scale is from {source}"
         if item.kind == DISTANCE and any(r.kind == DISTANCE for r in rivals) and part < OTHER_UNIT - 1:
             widest = max(widest, part / np.sqrt(2))
             sentence += f", with an uncertainty of {100 * widest:.2g} % that covers the other"
@@ -331,11 +236,11 @@ def _judged(
     places = {c: (xyz, np.hypot(u, more.get((PLACE, c), 0.0))) for c, (xyz, u) in places.items()}
     found = [off.items[k].columns for k in dropped]
     scale = 1.0 if places else _scale(off, found)
-    records = [_record(off.items[k], snooped.sigmas[k], dropped.get(k), off, bars) for k in range(len(off.items))]
+    records = [record_of(off.items[k], snooped.sigmas[k], dropped.get(k), off, bars) for k in range(len(off.items))]
     return Tested(held, places, scale, scale_from, tuple(r for r in records if r), tuple(notes), tuple(failures))
 
 
-def _scattered(off: _Misclosure, scatter: np.ndarray) -> dict[tuple[str, int], float]:
+def _scattered(off: Misclosure, scatter: np.ndarray) -> dict[tuple[str, int], float]:
     """By kind and key, the standard uncertainty that a certificate must have beside its own to scatter as its kind
     does."""
     variance = np.diag(off.cov)
@@ -346,77 +251,9 @@ def _scattered(off: _Misclosure, scatter: np.ndarray) -> dict[tuple[str, int], f
     }
 
 
-def _other_unit(ratio: float) -> bool:
-    return abs(np.log(max(ratio, 1e-4))) > np.log(OTHER_UNIT)
-
-
-def _scale(off: _Misclosure, blunders: list[np.ndarray]) -> float:
+def _scale(off: Misclosure, blunders: list[np.ndarray]) -> float:
     """What the network is to be multiplied with to fit what holds."""
     root = np.linalg.cholesky(off.cov)
     columns = np.linalg.solve(root, np.column_stack([*blunders, off.design]))
     size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     return 1 + float((np.linalg.lstsq(columns / size, np.linalg.solve(root, off.value), rcond=1e-10)[0] / size)[-1])
-
-
-def _called(item: _Item, bars: list[ScaleBar]) -> str:
-    if item.kind == DISTANCE:
-        return f"the distance '{item.name}' ({bars[item.key].length_mm:g} mm)"
-    return f"the certified place of {item.name}" if item.kind == PLACE else item.name
-
-
-def _part(item: _Item, blunder: Blunder, bars: list[ScaleBar]) -> float:
-    """The blunder as a part of what is certified."""
-    amount = float(np.linalg.norm(blunder.amount))
-    return amount / bars[item.key].length_mm if item.kind == DISTANCE else amount
-
-
-def _from(scale_from: str, left: Iterable[ScaleBar]) -> str:
-    names = ", ".join(f"'{bar.name}'" for bar in left)
-    return {"control points": "the certified places", "distances": names}.get(scale_from, "none of them")
-
-
-def _said(
-    item: _Item, blunder: Blunder, off: _Misclosure, bars: list[ScaleBar],
-    known: dict[int, tuple[np.ndarray, np.ndarray]],
-) -> str:  # fmt: skip
-    """What is wrong with a certificate, by how much, and what that looks like."""
-    sure = f"{blunder.sigmas:.3g} standard deviations"
-    if item.kind == DISTANCE:
-        bar, by = bars[item.key], float(blunder.amount[0])
-        others = bar.length_mm - by
-        ratio = others / bar.length_mm if others > 0 else np.inf
-        guess = ""
-        if not 1 / OTHER_UNIT < ratio < OTHER_UNIT:
-            ratio = max(ratio, 1 / max(ratio, 1e-12))
-            guess = f", in another unit or between other codes; {unit_of(ratio, 'length').rstrip('?')}"
-        return (
-            f"the distance '{bar.name}' ({bar.length_mm:g} mm) is {by:+.4g} mm off what the rest says ({sure}{guess})"
-        )
-    if item.kind == PLACE:
-        xyz, _ = known[item.key]
-        seen = xyz - blunder.amount if len(blunder.amount) == 3 else off.here_mm[item.key]
-        far = float(np.linalg.norm(xyz - seen))
-        other = min((float(np.linalg.norm(seen - v[0])), c) for c, v in known.items() if c != item.key)
-        swapped = f", and lies where code {other[1]} is certified: are they exchanged?" if other[0] < 0.05 * far else ""
-        return f"code {item.key} is {far:.3g} mm off its certified place ({sure}{swapped})"
-    by = float(blunder.amount[0])
-    if item.kind == PLACES:
-        times = 1 / max(1 - by, 1e-12)
-        if not 1 / OTHER_UNIT < times < OTHER_UNIT:
-            return f"the certified places are {times:.4g} times as far apart as the rest says ({sure}): in another unit"
-        return f"the scale of the certified places is off by {100 * by:+.3g} % ({sure})"
-    by = by / 1000
-    guess = ": they are in another unit" if _other_unit(1 + by) else ""
-    wide = off.diameter_mm / max(1 + by, 1e-12)
-    return f"the dots are {wide:.4g} mm wide, and certified as {off.diameter_mm:.4g} mm ({sure}{guess})"
-
-
-def _record(item: _Item, sigmas: float, found: Blunder | None, off: _Misclosure, bars: list[ScaleBar]) -> dict:
-    """What is kept of a certificate's test."""
-    error = None if found is None else float(np.linalg.norm(found.amount))
-    if error is not None and item.kind == DIAMETERS:
-        error /= 1000  # a part, from thousandths
-    return {
-        "certificate": item.name, "kind": item.kind, "sigmas": float(found.sigmas if found else sigmas),
-        "off": error, "used": found is None, "contradicts": [off.items[k].name for k in found.alike] if found else [],
-    }  # fmt: skip

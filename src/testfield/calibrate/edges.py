@@ -7,7 +7,8 @@ import numpy as np
 
 from testfield.calibrate.chirality import from_behind
 from testfield.calibrate.rows import rejection
-from testfield.camera.plane_image import PlaneImage, RoughLens, fit_plane, rough_lens
+from testfield.camera.plane_image import PlaneImage, fit_plane, rough_lens
+from testfield.camera.rough_lens import RoughLens
 from testfield.detect.observations import MEASURED, Observations
 from testfield.errors import TestfieldError
 from testfield.targets.field import Field

@@ -16,7 +16,8 @@ from testfield.calibrate.misfit import Misfit
 from testfield.calibrate.quality import board_quality, joints, residual_test
 from testfield.calibrate.rejections import of_boards
 from testfield.calibrate.rows import rejection
-from testfield.calibrate.settle import Settled, doubts_of_geometry, settled
+from testfield.calibrate.settle import doubts_of_geometry, settled
+from testfield.calibrate.settled import Settled
 from testfield.calibrate.start import Start
 from testfield.camera.interior import MODE
 from testfield.detect.observations import Observations

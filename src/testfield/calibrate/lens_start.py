@@ -4,7 +4,7 @@ import numpy as np
 
 from testfield.camera.interior import Interior
 from testfield.camera.lens import distort
-from testfield.camera.plane_image import RoughLens
+from testfield.camera.rough_lens import RoughLens
 
 STEEPEST = 4.0
 """Tangent of the angle to which a model is fitted: 76 degrees; beyond, polynomials of the tangent fail."""

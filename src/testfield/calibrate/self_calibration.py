@@ -13,6 +13,7 @@ from testfield.calibrate.finish import by_images, with_points
 from testfield.calibrate.homography import image_middle
 from testfield.calibrate.imaging import Imaging, imaging_of
 from testfield.calibrate.lens_misfit import with_lens_misfit, without_lens_misfit
+from testfield.calibrate.loose_network import loose_network
 from testfield.calibrate.misfit import NO_MISFIT, Misfit, Names, misfit_of, scatter_note, widened
 from testfield.calibrate.self_cameras import (
     as_one_camera,
@@ -26,7 +27,7 @@ from testfield.calibrate.self_job import FreeNetwork, Job
 from testfield.calibrate.self_lens import free_what_is_determined
 from testfield.calibrate.self_result import by_scale, doubts_of, result_of
 from testfield.calibrate.self_settle import compact, of_images, settle
-from testfield.calibrate.self_start import SQUARE, loose_network, start_from_nothing
+from testfield.calibrate.self_start import SQUARE, start_from_nothing
 from testfield.calibrate.settle import MISFIT_ROUNDS
 from testfield.calibrate.ties import LEAST_COMMON, Ties, coded_ties, largest_group
 from testfield.camera.interior import check_held

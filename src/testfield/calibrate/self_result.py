@@ -11,8 +11,9 @@ from testfield.adjust.network import Network
 from testfield.adjust.normal import Factor
 from testfield.adjust.weakness import weak_unknowns
 from testfield.calibrate.calibration import Calibration, point_label
-from testfield.calibrate.certificates import U_DIAMETER, Tested
+from testfield.calibrate.certificates import Tested
 from testfield.calibrate.finish import by_images, several
+from testfield.calibrate.misclosure import U_DIAMETER
 from testfield.calibrate.quality import residual_test
 from testfield.calibrate.rejections import lost_images, of_ties
 from testfield.calibrate.self_job import FreeNetwork, Job

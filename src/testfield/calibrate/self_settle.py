@@ -9,8 +9,8 @@ from testfield.adjust.bundle import Adjustment, adjust
 from testfield.adjust.network import Distances
 from testfield.adjust.reliability import reliability
 from testfield.calibrate.loose_discs import disc_offsets
+from testfield.calibrate.loose_network import loose_network
 from testfield.calibrate.self_job import Job
-from testfield.calibrate.self_start import loose_network
 from testfield.calibrate.ties import LEAST_COMMON, LEAST_RAYS, Ties
 from testfield.camera.pose import Poses
 from testfield.errors import TestfieldError

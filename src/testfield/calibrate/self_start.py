@@ -11,7 +11,8 @@ import cv2
 import numpy as np
 
 from testfield.adjust.bundle import Adjustment, adjust
-from testfield.adjust.network import Camera, Images, Network
+from testfield.adjust.network import Camera
+from testfield.calibrate.loose_network import loose_network
 from testfield.calibrate.ties import LEAST_COMMON, Ties
 from testfield.camera.interior import Interior
 from testfield.camera.lens import lens_model
@@ -260,19 +261,6 @@ def _misfit(start: Start, views: _Views) -> float:
     size = np.nan_to_num(np.linalg.norm(at - views.xy_px[i, p], axis=1), nan=cap)
     counted = (views.there & (views.there.sum(axis=0) >= 2)).sum()
     return float((np.minimum(size, cap).sum() + cap * (counted - len(size))) / max(counted, 1))
-
-
-def loose_network(
-    ties: Ties, cameras: tuple[Camera, ...], camera: np.ndarray, poses: Poses, point_mm: np.ndarray
-) -> Network:
-    """A network of loose points and of images, each by its `camera` (I,) from a place of its own; nothing is known."""
-    n, images = len(point_mm), len(poses)
-    each = Images(np.arange(images), camera, np.zeros(images, int))
-    return Network(
-        cameras, poses, each, Poses.identity(0), (), point_mm,
-        np.full(n, -1), point_mm, np.zeros((n, 3, 3)), ties.image, ties.point, ties.xy_px, ties.cov_px2,
-        np.zeros((len(ties), 2)),
-    )  # fmt: skip
 
 
 def _adjusted(start: Start, ties: Ties) -> Start | None:

@@ -1,28 +1,23 @@
 """From starting values to the adjustment of exactly those observations that agree, discs and all."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from testfield.adjust.bundle import Adjustment, adjust
 from testfield.adjust.network import Camera, Distances, Network, information_of
-from testfield.adjust.normals import target_normals
-from testfield.adjust.reliability import global_test, reliability
+from testfield.calibrate.discs import Discs
 from testfield.calibrate.doubts import geometric_doubts
 from testfield.calibrate.lens_misfit import without_lens_misfit
-from testfield.calibrate.loose_discs import eccentricity
 from testfield.calibrate.misfit import NO_MISFIT, Misfit, Names, excess_of, misfit_of, scatter_note, widened
+from testfield.calibrate.settled import REJECT_SIGMA, Settled, residual_sizes
 from testfield.calibrate.sheets import (
     FEW,
-    SHAPE,
-    Suspect,
-    loosened,
-    stretch,
-    suspect,
     tested_bars,
     without_suspect,
 )
 from testfield.calibrate.start import Start
+from testfield.calibrate.wrong_sheets import said_of, without_board, wrong_sheet
 from testfield.camera.interior import Interior
 from testfield.camera.project import directions
 from testfield.camera.rays import meet_rays
@@ -30,47 +25,14 @@ from testfield.camera.several import by_camera
 from testfield.detect.observations import Observations
 from testfield.errors import TestfieldError
 
-REJECT_SIGMA = 6.0
-"""An observation is rejected whose residual is larger than this many of its own standard deviations."""
 LOST = 0.5
 """Part of an image's observations the loss of which leaves nothing to believe of it."""
-LEAST_STRETCH = 1e-4
-"""Part by which a sheet's spacing must be off to be called so."""
 ROUNDS = 12
 MISFIT_ROUNDS = 3
 EXPLAINED, EXPLAINED_PART = 4.0, 0.02
 """Variance factor that a misfit may leave, of what was called a wrong sheet or image, to be the explanation instead; or
 as a part of the factor without it."""
 SETTLED_PX = 1e-7
-
-
-@dataclass(frozen=True)
-class Settled:
-    """An adjustment, the records of observations `rejected` on the way, `notes` for the reader; the `left` of the
-    start's observations (an index); `certificates` tested and `failures` as in `Calibration`; the `misfit` that is in
-    its model, and the factor by which all observed covariances were `widened`; where there is a misfit, the adjustment
-    by the `plain` model, whose residuals are tested: a wrong certificate must not pass for a lens.
-
-    Where a board's sheet is `wrong` (its place in the start), or a `lost` image contradicts the others, all must begin
-    again without it.
-    """
-
-    adjustment: Adjustment
-    rejected: list[dict]
-    notes: list[str]
-    left: np.ndarray
-    certificates: tuple[dict, ...] = ()
-    failures: tuple[str, ...] = ()
-    wrong: int | None = None
-    lost: int | None = None
-    misfit: Misfit = NO_MISFIT
-    widened: float = 1.0
-    plain: Adjustment | None = None
-
-    @property
-    def begin_again(self) -> bool:
-        """Whether a board or an image must be left out first."""
-        return self.wrong is not None or self.lost is not None
 
 
 def settled(start: Start, rows: Observations, empirical: bool = False, misfit: Misfit | None = None) -> Settled:
@@ -82,7 +44,7 @@ def settled(start: Start, rows: Observations, empirical: bool = False, misfit: M
     are widened anyway. Where the observations do not determine an unknown, the `TestfieldError` says which geometry is
     to blame.
     """
-    discs = _Discs(rows.moments_px2[start.rows], start.radius_mm) if rows.centre_of_disc else None
+    discs = Discs(rows.moments_px2[start.rows], start.radius_mm) if rows.centre_of_disc else None
     try:
         coarse = _coarse(start.network)
         found = adjust(coarse, start.labels(coarse))
@@ -122,7 +84,7 @@ def _unknowns(start: Start) -> Names:
 
 
 def _followed(
-    last: Settled, network: Network, discs: "_Discs | None", start: Start, rows: Observations, given: Misfit | None
+    last: Settled, network: Network, discs: "Discs | None", start: Start, rows: Observations, given: Misfit | None
 ) -> Settled:
     """Everything settled again with what the model does not follow, beginning with all observations: those that the
     model alone had turned down may be good. Asked again, without it, where other observations are turned down then."""
@@ -156,7 +118,7 @@ def _explains(misfit: Misfit, adjustment: Adjustment) -> bool:
     return misfit.variance < max(EXPLAINED, EXPLAINED_PART * excess_of(adjustment))
 
 
-def _with_bars(answer: Settled, discs: "_Discs | None", start: Start) -> Settled:
+def _with_bars(answer: Settled, discs: "Discs | None", start: Start) -> Settled:
     """The answer with those control bars that agree with it."""
     bars = tested_bars(answer.adjustment, start.network.distances, start.bars)
     adjustment, doubts = _at_rest(bars.network, discs.take(answer.left) if discs else None, start)
@@ -166,38 +128,7 @@ def _with_bars(answer: Settled, discs: "_Discs | None", start: Start) -> Settled
     )  # fmt: skip
 
 
-class _Discs:
-    """What the shapes of the discs' images add: moments (m, 2, 2) of the observations, radii (n,) of the points."""
-
-    def __init__(self, moments_px2: np.ndarray, radius_mm: np.ndarray):
-        self.moments_px2, self.radius_mm = moments_px2, radius_mm
-
-    def take(self, rows: np.ndarray) -> "_Discs":
-        return _Discs(self.moments_px2[rows], self.radius_mm)
-
-    def offsets(self, network: Network) -> np.ndarray:
-        """(m, 2) centre of the disc's image minus projection of its centre, at the network's present values."""
-        normals, poses = network.normals(), network.camera_from_datum()
-        for k in np.flatnonzero(network.point_board < 0):
-            v = np.flatnonzero(network.point == k)
-            normals[k] = target_normals(
-                network.interiors,
-                network.camera[v],
-                poses[network.image[v]],
-                np.ones((1, len(v)), bool),
-                network.point_mm[[k]],
-                self.radius_mm[[k]],
-                self.moments_px2[v][None],
-            )[0]
-        offset = np.zeros((len(network.point), 2))
-        discs = np.flatnonzero(self.radius_mm[network.point] > 0)  # a corner is seen where it is
-        point = network.point[discs]
-        seen = (poses[network.image[discs]], network.datum_mm()[point], normals[point], self.radius_mm[point])
-        offset[discs] = by_camera(eccentricity, network.interiors, network.camera[discs], *seen)
-        return offset
-
-
-def _settle(network: Network, discs: _Discs | None, start: Start, rows: Observations) -> Settled:
+def _settle(network: Network, discs: Discs | None, start: Start, rows: Observations) -> Settled:
     """Adjust until nothing is rejected any more and the discs' offsets stand still.
 
     Sheets are asked before pixels: what misses the rest more is called wrong. What is returned is always the adjustment
@@ -215,10 +146,10 @@ def _settle(network: Network, discs: _Discs | None, start: Start, rows: Observat
             network = replace(network, offset_px=discs.offsets(network))
         adjustment = adjust(network, labels)
         network = adjustment.network
-        size = _residual_sizes(adjustment)
+        size = residual_sizes(adjustment)
         # A bad point drags its neighbours along: only residuals near the worst go in one round.
         bad = (size > REJECT_SIGMA) & (size > 0.3 * size.max())
-        doubtful = _wrong_sheet(adjustment, labels, start, names)
+        doubtful = wrong_sheet(adjustment, labels, start, names)
         if doubtful:
             before = sum(len(r["marks"]) for r in records if r["board"] == doubtful.board)
             named = ", ".join(names[k] for k in doubtful.marks)
@@ -227,14 +158,14 @@ def _settle(network: Network, discs: _Discs | None, start: Start, rows: Observat
             records.append({"board": doubtful.board, "marks": doubtful.marks, "name": name, "sigmas": sigmas})
             many = before + len(doubtful.marks) > most
             if not doubtful.pose and (many or not doubtful.marks):
-                return _without_board(adjustment, doubtful, start, left, many)
+                return without_board(adjustment, doubtful, start, left, many)
             notes.append(f"{doubtful.said}: not used")
             network = without_suspect(network, doubtful)
             continue
         if not bad.any() and (
             discs is None or np.allclose(discs.offsets(network), network.offset_px, rtol=0, atol=SETTLED_PX)
         ):
-            return Settled(adjustment, rejected, notes + _doubts(adjustment), left, _said_of(records))
+            return Settled(adjustment, rejected, notes + _doubts(adjustment), left, said_of(records))
         lost = _lost_image(start, left, bad, network)
         if lost is not None:
             return Settled(adjustment, [], [], left, lost=lost)
@@ -252,7 +183,7 @@ def _settle(network: Network, discs: _Discs | None, start: Start, rows: Observat
         network, discs, left = network.take(~bad), discs.take(~bad) if discs else None, left[~bad]
     adjustment = adjust(network, labels)
     notes += ["the rejection of outliers had not come to rest", *_doubts(adjustment)]
-    return Settled(adjustment, rejected, notes, left, _said_of(records))
+    return Settled(adjustment, rejected, notes, left, said_of(records))
 
 
 def _lost_image(start: Start, left: np.ndarray, bad: np.ndarray, network: Network) -> int | None:
@@ -270,7 +201,7 @@ def _lost_image(start: Start, left: np.ndarray, bad: np.ndarray, network: Networ
     return worst if share[worst] > LOST and rate < LOST / 2 else None
 
 
-def _at_rest(network: Network, discs: _Discs | None, start: Start) -> tuple[Adjustment, list[str]]:
+def _at_rest(network: Network, discs: Discs | None, start: Start) -> tuple[Adjustment, list[str]]:
     """The adjustment of a network from which nothing more is rejected."""
     labels = start.labels(network)
     for _ in range(ROUNDS):
@@ -281,58 +212,6 @@ def _at_rest(network: Network, discs: _Discs | None, start: Start) -> tuple[Adju
             break
         network = replace(network, offset_px=offset)
     return adjustment, _doubts(adjustment)
-
-
-def _wrong_sheet(adjustment: Adjustment, labels: list[str], start: Start, names: list[str]) -> Suspect | None:
-    """What of the sheets misses the rest by more than any observation does."""
-    white = _residual_sizes(adjustment, scaled=False)
-    typical = max(float(np.median(white)) / 1.1774, 1.0)
-    test = global_test(adjustment)
-    loose = adjustment
-    if test.variance > test.high or white.max(initial=0) > REJECT_SIGMA * typical:
-        loose = adjust(loosened(adjustment.network), labels)
-    found = suspect(loose, start.boards, names, typical)
-    if found is None or (len(start.boards) < 2 and not found.marks):
-        return None
-    worst = float(reliability(loose).test.max(initial=0)) / typical
-    return found if found.value - found.rank > worst**2 - 2 else None
-
-
-def _without_board(adjustment: Adjustment, found: Suspect, start: Start, left: np.ndarray, many: bool) -> Settled:
-    """What is said of a board whose sheet is wrong."""
-    network, name = adjustment.network, start.boards[found.board]
-    said = f"the sheet of board '{name}' does not fit it ({np.sqrt(found.value):.3g} standard deviations)"
-    *factors, alike = stretch(network, found.board, start.labels(network))
-    shape = " and ".join(
-        f"in {axis} {100 * (f - 1):+.2g} %" for axis, f in zip("xy", factors, strict=True) if abs(f - 1) > LEAST_STRETCH
-    )
-    if shape and alike > SHAPE:
-        said += f": its spacing is off {shape}"
-    elif many:
-        said += ": many of its marks lie elsewhere (are they numbered or placed as on the sheet?)"
-    if found.alike is not None:
-        said += (
-            f"; nothing decides between it and board '{start.boards[found.alike]}', which comes first on the field's "
-            "sheet and is believed"
-        )
-    record = {"certificate": start.boards[found.board], "kind": "sheet", "sigmas": float(np.sqrt(found.value)),
-              "off": None, "used": False, "contradicts": []}  # fmt: skip
-    return Settled(adjustment, [], [], left, (record,), (f"{said}: the board is left out",), found.board)
-
-
-def _said_of(records: list[dict]) -> tuple[dict, ...]:
-    """Records of marks and poses that were found wrong."""
-    return tuple(
-        {
-            "certificate": r["name"],
-            "kind": "mark" if r["marks"] else "pose",
-            "sigmas": r["sigmas"],
-            "off": None,
-            "used": False,
-            "contradicts": [],
-        }
-        for r in records
-    )
 
 
 def _names(start: Start, rows: Observations) -> list[str]:
@@ -381,13 +260,3 @@ def _refined(network: Network, coarse: Network) -> Network:
         boards=coarse.boards,
         point_mm=points,
     )
-
-
-def _residual_sizes(adjustment: Adjustment, scaled: bool = True) -> np.ndarray:
-    """(m,) residuals in units of their standard deviations, those of the adjustment's overall misfit where `scaled`."""
-    white = np.linalg.solve(np.linalg.cholesky(adjustment.network.cov_px2), adjustment.residual_px[..., None])[..., 0]
-    size = np.linalg.norm(white, axis=1)
-    if not scaled:
-        return size
-    typical = np.median(size) / 1.1774  # the median length of a standard normal vector in the plane
-    return size / max(typical, 1.0)

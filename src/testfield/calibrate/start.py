@@ -8,7 +8,6 @@ from testfield.adjust.network import (
     EXACT_MM,
     FREE,
     HELD,
-    Distances,
     KnownBoards,
     Network,
     information_of,
@@ -17,6 +16,7 @@ from testfield.calibrate.edges import Edges
 from testfield.calibrate.graph import given_poses, groups_apart, spanning_poses
 from testfield.calibrate.imaging import Imaging, known_members
 from testfield.calibrate.looks import Guess, from_homographies, joined, looks_of, one_camera, standing_of
+from testfield.calibrate.start_points import board_points, control_bars
 from testfield.calibrate.units import boards_of_one_unit, dots_fit_their_spacing
 from testfield.camera.pose import Poses, rotation
 from testfield.camera.project import directions
@@ -99,7 +99,7 @@ def starting_network(
         )  # fmt: skip
     has_station = np.isin(np.arange(len(rows.stations)), stations)
     usable = has_station[rows.station] & (why == "")
-    points = _board_points(field, boards, sizes)
+    points = board_points(field, boards, sizes)
     point = np.full(len(rows), -1)
     index = np.full(len(field.boards), -1)
     index[boards] = np.arange(len(boards))
@@ -107,7 +107,7 @@ def starting_network(
     on_board[on_board] = index[rows.board[on_board]] >= 0
     point[on_board] = points.first[index[rows.board[on_board]]] + rows.point[on_board]
 
-    bars = _control_bars(rows, field, usable, len(points.local), notes)
+    bars = control_bars(rows, field, usable, len(points.local), notes)
     ends_mm = []
     for end, seen in bars.seen.items():
         point[seen] = end
@@ -249,67 +249,3 @@ def _known_boards(field: Field, boards: np.ndarray) -> KnownBoards:
         if pose is not None:
             u[k] = [pose.u_turn_rad] * 3 + [max(pose.u_mm, EXACT_MM)] * 3
     return KnownBoards(_certified(field)[boards], u)
-
-
-@dataclass(frozen=True)
-class _BoardPoints:
-    """All marks of some boards: where each board's begin, local coordinates, uncertainties, owners, radii."""
-
-    first: np.ndarray
-    local: np.ndarray
-    u: np.ndarray
-    owner: np.ndarray
-    radius: np.ndarray
-
-
-def _board_points(field: Field, boards: np.ndarray, larger: dict[int, float]) -> _BoardPoints:
-    sheets = [field.boards[b] for b in boards]
-    sizes = [len(sheet.marks) for sheet in sheets]
-    radius = [
-        np.zeros(len(s.marks)) if s.has_corners else s.marks.diameter_mm / 2 * larger.get(int(b), 1.0)
-        for b, s in zip(boards, sheets, strict=True)
-    ]
-    return _BoardPoints(
-        np.concatenate([[0], np.cumsum(sizes)]),
-        np.vstack([np.column_stack([s.marks.xy_mm, np.zeros(len(s.marks))]) for s in sheets]),
-        np.vstack([np.tile([s.u_xy_mm, s.u_xy_mm, s.u_z_mm], (len(s.marks), 1)) for s in sheets]),
-        np.repeat(np.arange(len(sheets)), sizes),
-        np.concatenate(radius),
-    )
-
-
-@dataclass(frozen=True)
-class _Bars:
-    """Control bars: observations of each end by its point number, names, the distances, radii of the ends."""
-
-    seen: dict[int, np.ndarray]
-    names: tuple[str, ...]
-    distances: Distances
-    radius: np.ndarray
-
-
-def _control_bars(rows: Observations, field: Field, usable: np.ndarray, first: int, notes: list[str]) -> _Bars:
-    seen: dict[int, np.ndarray] = {}
-    ends, names, lengths, u_lengths, radius = [], [], [], [], []
-    for bar in field.scale_bars:
-        if bar.role != "control":
-            continue
-        here = [np.flatnonzero(usable & (rows.code == code) & (rows.board < 0)) for code in bar.codes]
-        if min(len(v) for v in here) < 2:
-            said = " and ".join(
-                f"code {code} in {len(v)} image{'' if len(v) == 1 else 's'}"
-                for code, v in zip(bar.codes, here, strict=True)
-            )
-            notes.append(f"control bar '{bar.name}' is not seen twice at both ends ({said}) and is left out")
-            continue
-        numbers = [first + len(seen), first + len(seen) + 1]
-        seen |= dict(zip(numbers, here, strict=True))
-        ends.append(numbers)
-        names.append(bar.name)
-        lengths.append(bar.length_mm)
-        u_lengths.append(bar.u_length_mm)
-        radius += [field.loose[code] / 2 for code in bar.codes]
-    if not ends:
-        notes.append("no control bar: the scale is that of the boards' sheets")
-    distances = Distances(np.array(ends, int).reshape(-1, 2), np.array(lengths, float), np.array(u_lengths, float))
-    return _Bars(seen, tuple(names), distances, np.array(radius, float))

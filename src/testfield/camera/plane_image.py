@@ -13,6 +13,8 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial import cKDTree
 
+from testfield.camera.rough_lens import RoughLens
+
 MISPLACED = 0.3
 """Part of the distance to the nearest mark by which a mark may miss its place: an exchanged number is off by all of it,
 distortion beyond the radial terms by less, whatever the number of pixels."""
@@ -26,67 +28,9 @@ SAMPLES, FOLLOWED, ROUNDS = 48, 2, 3
 LEAST = 5
 TRIED = (-4.0, -3.0, -2.2, -1.6, -1.2, -0.9, -0.65, -0.45, -0.3, -0.2, -0.1, -0.05, 0.0, 0.05, 0.1, 0.2)
 """First radial terms that are tried, in units of the squared radius of the outermost observation."""
-TERMS = 3
 HALVED = 0.5
 """Radial terms are used where they lower the residuals to this part, and so are no fit to noise."""
 MOST_VIEWS = 4
-FARTHEST = 1.2
-"""Part of the outermost observation's radius to which the radial terms mean anything."""
-NEWTON_STEPS = 6
-
-
-@dataclass(frozen=True)
-class RoughLens:
-    """A lens by its radial terms: `terms` (3,) of r / `radius_px` about `middle_px` (2,)."""
-
-    middle_px: np.ndarray
-    radius_px: float
-    terms: np.ndarray
-
-    @staticmethod
-    def pinhole(middle_px: np.ndarray, radius_px: float) -> "RoughLens":
-        """A lens without distortion."""
-        return RoughLens(np.asarray(middle_px, float), radius_px or 1.0, np.zeros(TERMS))
-
-    @property
-    def bends(self) -> bool:
-        """Whether it is more than a pinhole."""
-        return bool(self.terms.any())
-
-    def depth(self, r2: np.ndarray) -> np.ndarray:
-        """Third component of the rays whose other two are x and y, by the squared radius."""
-        a, b, c = self.terms
-        return np.asarray(1 + r2 * (a + r2 * (b + r2 * c)))
-
-    def rays(self, xy_px: np.ndarray) -> np.ndarray:
-        """(n, 3) of pixels (n, 2)."""
-        side = (xy_px - self.middle_px) / self.radius_px
-        return np.concatenate([side, self.depth((side**2).sum(axis=-1, keepdims=True))], axis=-1)
-
-    def straight(self, xy_px: np.ndarray) -> np.ndarray:
-        """Pixels (n, 2) as a lens without distortion would show them."""
-        ray = self.rays(xy_px)
-        return np.asarray(self.middle_px + self.radius_px * ray[:, :2] / ray[:, 2:])
-
-    def pixels(self, ray: np.ndarray) -> np.ndarray:
-        """(..., 2) of rays (..., 3), NaN where no pixel near the image has such a ray."""
-        side, z = np.linalg.norm(ray[..., :2], axis=-1), ray[..., 2]
-        with np.errstate(all="ignore"):
-            if not self.bends:
-                r = np.where(z > 0, side / z, np.nan)
-            else:
-                # The first term alone has a closed form.
-                r = 2 * side / (z + np.sqrt(np.maximum(z**2 - 4 * self.terms[0] * side**2, 0)))
-                r = np.where(np.isfinite(r) & (r >= 0), np.minimum(r, FARTHEST), FARTHEST)
-                a, b, c = self.terms
-                for _ in range(NEWTON_STEPS if self.terms[1:].any() else 0):
-                    s = r * r
-                    slope = z - side * r * (2 * a + s * (4 * b + s * 6 * c))
-                    r = np.clip(r - (r * z - side * self.depth(s)) / slope, 0, FARTHEST)
-                off = np.abs(r * z - side * self.depth(r * r))
-                r = np.where(off < 1e-6 * (np.abs(z) + side), r, np.nan)
-            scale = self.radius_px * np.where(side > 0, r / side, 1 / z)
-            return np.asarray(self.middle_px + scale[..., None] * ray[..., :2])
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,6 @@ from testfield.chain.run import Run
 from testfield.store.work import each
 
 Made = tuple[int, int]
-
-
 """How many of a stage's items were made, and how many there are."""
 
 

@@ -137,8 +137,6 @@ def report(run: Run) -> Made:
 
 
 MEASURED = (("observations.parquet", "detect"), ("calibration.json", "calibrate"), ("points.parquet", "reconstruct"))
-
-
 STAGES: dict[str, Callable[[Run], Made]] = {
     "render": render,
     "expose": expose,

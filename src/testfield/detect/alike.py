@@ -7,7 +7,8 @@ knows how large it should be. Neighbours are asked, not the sheet: a board bends
 import numpy as np
 from scipy.spatial import cKDTree
 
-from testfield.camera.plane_image import RoughLens, fit_plane, fitted_to, rough_lens
+from testfield.camera.plane_image import fit_plane, fitted_to, rough_lens
+from testfield.camera.rough_lens import RoughLens
 
 NEIGHBOURS, LEAST = 8, 3
 UNLIKE = 0.2

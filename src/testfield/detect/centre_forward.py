@@ -8,7 +8,6 @@ from the neighbours (`light.py`), so the centre's covariance is that of a dot of
 """
 
 import os
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -21,47 +20,40 @@ from testfield.camera.interior import Interior
 from testfield.camera.project import plane_of, project_camera
 from testfield.detect.centre import RING_BEGINS, RING_CLEARANCE_PX, Centres
 from testfield.detect.disc import LEAST_BLUR_PX, MOST_BLUR_PX, disc_in_pixels, ellipse_outline, outline_points
+from testfield.detect.forward_windows import (
+    AXX,
+    AXY,
+    AYY,
+    BACKGROUND,
+    BACKGROUND_X,
+    BACKGROUND_Y,
+    BLUR,
+    CLEAR_OF_BLUR,
+    CONTRAST,
+    CONTRAST_X,
+    CONTRAST_Y,
+    CX,
+    CY,
+    GRADIENTS,
+    Batch,
+    half_axes,
+    reach,
+    root,
+    window_batches,
+)
 from testfield.detect.light import local_gradients
 from testfield.registry import register
 
-CX, CY, AXX, AXY, AYY, BLUR, CONTRAST, BACKGROUND, CONTRAST_X, CONTRAST_Y, BACKGROUND_X, BACKGROUND_Y = range(12)
-GRADIENTS = slice(CONTRAST_X, BACKGROUND_Y + 1)
 ROUNDS = 12
 FIRST_BLUR_PX = 0.6
-BATCH, MOST_PIXELS = 16, 120_000
-"""Dots that are fitted together, and the most pixels of all their windows: each has tens of derivatives."""
 _HARMLESS = np.array([0, 0, 2.0, 0, 2.0, 1.0, -1.0, 0, 0, 0, 0, 0])
 """Parameters that keep a lost dot from disturbing the others of its batch; its contrast says that it is lost."""
-CLEAR_OF_BLUR = 4.0
-"""An edge is felt up to this many standard deviations of pixel and blur beyond it."""
 UNQUIET = 0.02
 """Scatter beside a dot, in units of its contrast, above which something may lie there."""
 WORST_PX = 0.5
 """Standard uncertainty at which a dot counts as not measured."""
 CONTRADICTION = 18.5
 """Chi-squared of four degrees of freedom, at 0.1 %, above which a dot's own gradients refuse its neighbours'."""
-
-
-@dataclass
-class Batch:
-    """Some dots with windows of one size: `rows` (n,) which, `corner` (n, 2) px of the first pixel, `values`,
-    `inside` (n, m, m), `theta` (n, 12) with the centre relative to the window's middle."""
-
-    rows: np.ndarray
-    corner: np.ndarray
-    values: np.ndarray
-    inside: np.ndarray
-    theta: np.ndarray
-
-    @property
-    def half(self) -> int:
-        """Pixels on each side of the windows' middle ones."""
-        return self.values.shape[1] // 2
-
-    @property
-    def middle(self) -> np.ndarray:
-        """(n, 2) px of the windows' middle pixels."""
-        return self.corner + self.half
 
 
 @register("centroids", "forward_model")
@@ -104,46 +96,6 @@ def _start(xy: np.ndarray, moments: np.ndarray) -> np.ndarray:
     theta[:, BLUR] = FIRST_BLUR_PX
     theta[:, CONTRAST] = np.nan
     return theta
-
-
-def root(matrix: np.ndarray) -> np.ndarray:
-    """Symmetric square roots (n, 2, 2) of positive matrices."""
-    values, vectors = np.linalg.eigh(matrix)
-    return (vectors * np.sqrt(np.maximum(values, 0.04))[:, None, :]) @ np.swapaxes(vectors, 1, 2)
-
-
-def half_axes(theta: np.ndarray) -> np.ndarray:
-    """(n, 2, 2) matrices that map the unit circle onto the outline."""
-    return theta[:, [AXX, AXY, AXY, AYY]].reshape(-1, 2, 2)
-
-
-def _reach(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(n,) largest half axis, and how far beyond an edge it is felt, in px."""
-    return np.abs(np.linalg.eigvalsh(half_axes(theta))).max(axis=1), CLEAR_OF_BLUR * np.hypot(theta[:, BLUR], 0.29)
-
-
-def window_batches(image: np.ndarray, theta: np.ndarray, radii: float = 1.0) -> Iterator[Batch]:
-    """Dots in groups whose windows have one size and whose outlines need about the same number of points.
-
-    Windows reach as far as an edge is felt that lies `radii` half axes from the centre."""
-    largest, felt = _reach(theta)
-    half = np.ceil(radii * largest + felt + 1.5).astype(int)
-    half = np.where(half > 16, -(-half // 2) * 2, half)
-    points = np.ceil(2 * np.log2(largest / theta[:, BLUR] + 1))
-    height, width = image.shape
-    for size, count in np.unique(np.column_stack([half, points]), axis=0).astype(int):
-        members = np.flatnonzero((half == size) & (points == count))
-        offset = np.arange(-size, size + 1)
-        batch = max(1, min(BATCH, MOST_PIXELS // (2 * size + 1) ** 2))
-        for first in range(0, len(members), batch):
-            rows = members[first : first + batch]
-            middle = np.rint(theta[rows, :2]).astype(int)
-            x, y = middle[:, :1] + offset, middle[:, 1:] + offset
-            within = ((y >= 0) & (y < height))[:, :, None] & ((x >= 0) & (x < width))[:, None, :]
-            values = image[y.clip(0, height - 1)[:, :, None], x.clip(0, width - 1)[:, None, :]].astype(np.float64)
-            local = theta[rows].copy()
-            local[:, :2] -= middle
-            yield Batch(rows, middle - size, values, within, local)
 
 
 @dataclass(frozen=True)
@@ -275,7 +227,7 @@ def _usable(batch: Batch, theta: np.ndarray, sheet: SensorSheet) -> np.ndarray:
     q = np.sqrt(u * u + v * v)
     length = np.sqrt(dx * dx + dy * dy)
     px_per_q = length / np.maximum(q, 1e-9)
-    felt = _reach(theta)[1][:, None, None]
+    felt = reach(theta)[1][:, None, None]
     wide = (q - 1) * px_per_q <= felt
     narrow = wide & (((RING_BEGINS - q) * px_per_q >= RING_CLEARANCE_PX) | (q <= 1.1))
     beyond = batch.inside & wide & ((q - 1) * px_per_q > 2.5 / CLEAR_OF_BLUR * felt)
@@ -298,7 +250,7 @@ def _placement(batch: Batch, interior: Interior | None) -> _Placement | None:
 
 def _outline(batch: Batch, theta: np.ndarray, place: _Placement | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Outlines (n, k, 2) relative to the window's middle, their tangents, and derivatives (n, 5, k, 2) by shape."""
-    largest = float(_reach(theta)[0].max())
+    largest = float(reach(theta)[0].max())
     count = outline_points(largest, float(theta[:, BLUR].min()))
     drawn, tangent, by_shape = ellipse_outline(half_axes(theta), count)
     drawn = drawn + theta[:, None, :2]

@@ -18,7 +18,9 @@ from threadpoolctl import threadpool_limits
 
 from testfield.camera.images import InvertedSheet, SensorSheet
 from testfield.detect.centre import Centres
-from testfield.detect.centre_forward import (
+from testfield.detect.centre_forward import FIRST_BLUR_PX, WORST_PX, dot_model, inverse, normal_matrix, sound
+from testfield.detect.disc import LEAST_BLUR_PX, MOST_BLUR_PX
+from testfield.detect.forward_windows import (  # fmt: skip
     AXX,
     AXY,
     AYY,
@@ -29,18 +31,11 @@ from testfield.detect.centre_forward import (
     CONTRAST_X,
     CONTRAST_Y,
     CX,
-    FIRST_BLUR_PX,
-    WORST_PX,
     Batch,
-    dot_model,
     half_axes,
-    inverse,
-    normal_matrix,
     root,
-    sound,
     window_batches,
-)  # fmt: skip
-from testfield.detect.disc import LEAST_BLUR_PX, MOST_BLUR_PX
+)
 from testfield.detect.ring_pixels import bright_segments, ring_in_pixels, ring_nodes
 from testfield.targets.marks import RingRadii
 

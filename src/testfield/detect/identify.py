@@ -3,16 +3,8 @@
 import numpy as np
 from scipy.spatial import cKDTree
 
-from testfield.camera.plane_image import (
-    NEIGHBOURS,
-    PlaneImage,
-    RoughLens,
-    View,
-    carried,
-    fit_plane,
-    fitted_to,
-    rough_lens,
-)
+from testfield.camera.plane_image import NEIGHBOURS, PlaneImage, View, carried, fit_plane, fitted_to, rough_lens
+from testfield.camera.rough_lens import RoughLens
 from testfield.targets.field import Field
 
 LEAST_CODES = 2

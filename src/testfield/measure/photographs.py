@@ -9,11 +9,11 @@ from testfield.calibrate.calibration import Calibration
 from testfield.calibrate.certified import Certified
 from testfield.calibrate.imaging import imaging_of
 from testfield.calibrate.loose_discs import measured_radii
+from testfield.calibrate.loose_network import loose_network
 from testfield.calibrate.misfit import Misfit
 from testfield.calibrate.rejections import failed, failed_checks
 from testfield.calibrate.self_calibration import free_network, settled
 from testfield.calibrate.self_job import FreeNetwork
-from testfield.calibrate.self_start import loose_network
 from testfield.calibrate.stitched import stitched
 from testfield.calibrate.ties import Ties, coded_ties
 from testfield.detect.observations import MEASURED, Observations

@@ -5,88 +5,16 @@ inside the kernel, of a fisheye its angle, which may exceed 90 degrees. All numb
 opaque variables, so no view compiles again.
 """
 
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
-import numpy as np
-
-from testfield.camera.motion import Twist
+from testfield.render.device_maths import DeviceMaths, DeviceTwist, Rays, chebyshev
 from testfield.render.variant import mitsuba
+from testfield.render.vignetting import Vignetting, vignettes
 from testfield.scene.world import World
 
 NEWTON_STEPS, ANGLE_STEPS = 6, 12
 FIELD_STEPS = 3
-
-
-class _DeviceMaths:
-    """What a lens formula needs beside plain arithmetic, on the device."""
-
-    @staticmethod
-    def sqrt(x: Any) -> Any:
-        import drjit as dr
-
-        return dr.sqrt(x)
-
-    @staticmethod
-    def atan2(y: Any, x: Any) -> Any:
-        import drjit as dr
-
-        return dr.atan2(y, x)
-
-
-def _chebyshev(x: Any, count: int) -> list[Any]:
-    """The first `count` Chebyshev polynomials."""
-    terms = [0 * x + 1, x]
-    while len(terms) < count:
-        terms.append(2 * x * terms[-1] - terms[-2])
-    return terms[:count]
-
-
-@dataclass(frozen=True)
-class Rays:
-    """Rays in the world: `origin` in mm, `direction` of any length, its derivatives `by_x` and `by_y` in px, the `time`
-    in s at which they pass, and the `cosine` of the field angle."""
-
-    origin: Any
-    direction: Any
-    by_x: Any
-    by_y: Any
-    time: Any
-    cosine: Any
-
-
-class DeviceTwist:
-    """A steady motion on the device."""
-
-    def __init__(self, twist: Twist):
-        mi = mitsuba()
-        import drjit as dr
-
-        spin = np.array(twist.angular_velocity_rad_s)
-        rate = float(np.linalg.norm(spin))
-        self.rate = mi.Float(rate)
-        self.axis, self.velocity, self.about = (
-            mi.Vector3f(*[mi.Float(float(v)) for v in vector])
-            for vector in (spin / (rate or 1.0), twist.velocity_mm_s, twist.about_mm)
-        )
-        dr.make_opaque(self.rate, self.axis, self.velocity, self.about)
-
-    def turn(self, vector: Any, time: Any) -> Any:
-        """A direction as the motion has turned it by a time (Rodrigues)."""
-        import drjit as dr
-
-        sine, cosine = dr.sincos(self.rate * time)
-        along = self.axis * (dr.dot(self.axis, vector) * (1 - cosine))
-        return vector * cosine + dr.cross(self.axis, vector) * sine + along
-
-    def turn_back(self, vector: Any, time: Any) -> Any:
-        """What `turn` turned."""
-        return self.turn(vector, -time)
-
-    def rest(self, point: Any, time: Any) -> Any:
-        """Where a point of the moving body is at time 0."""
-        return self.turn_back(point - self.about - self.velocity * time, time) + self.about
 
 
 class CameraRays:
@@ -147,7 +75,7 @@ class CameraRays:
         fx, fy, cx, cy, *c = self.parameters
         x_px, y_px = self._without_field(x_px, y_px)
         xd, yd = (x_px - cx) / fx, (y_px - cy) / fy
-        lens, maths = self.interior.lens, _DeviceMaths
+        lens, maths = self.interior.lens, DeviceMaths
         if self.last_angle is not None:
             return self._by_angle(xd, yd)
         x, y = mi.Float(xd), mi.Float(yd)
@@ -193,8 +121,8 @@ class CameraRays:
         degree = self.interior.residual_px.shape[1]  # type: ignore[union-attr]
         x, y = x_px, y_px
         for _ in range(FIELD_STEPS):
-            columns = _chebyshev((x + 0.5) * (2 / self.interior.width_px) - 1, degree)
-            rows = _chebyshev((y + 0.5) * (2 / self.interior.height_px) - 1, degree)
+            columns = chebyshev((x + 0.5) * (2 / self.interior.width_px) - 1, degree)
+            rows = chebyshev((y + 0.5) * (2 / self.interior.height_px) - 1, degree)
             moved = [
                 sum(
                     self.field[(part * degree + i) * degree + j] * rows[i] * columns[j]
@@ -280,39 +208,3 @@ def mitsuba_sensor(world: World, station: int, cells: int = 1, margin: int = 0) 
     sensor.attenuation = Vignetting(world) if vignettes(world) else None
     sensor.cells, sensor.margin = cells, margin
     return sensor
-
-
-def vignettes(world: World) -> bool:
-    """Whether the image is darker towards its edges."""
-    return world.optics.natural_vignetting or any(world.optics.vignetting)
-
-
-class Vignetting:
-    """Part of the light that reaches a pixel, by where it is."""
-
-    def __init__(self, world: World):
-        mi = mitsuba()
-        import drjit as dr
-
-        width, height = world.interior.width_px, world.interior.height_px
-        self.natural = world.optics.natural_vignetting
-        self.numbers = [mi.Float(v) for v in ((width - 1) / 2, (height - 1) / 2, 4 / (width**2 + height**2))]
-        self.coefficients = [mi.Float(v) for v in world.optics.vignetting]
-        dr.make_opaque(self.numbers, self.coefficients)
-
-    def at(self, x_px: Any, y_px: Any, rays: Rays) -> Any:
-        """Factor in [0, 1]."""
-        import drjit as dr
-
-        middle_x, middle_y, scale = self.numbers
-        r2 = ((x_px - middle_x) ** 2 + (y_px - middle_y) ** 2) * scale
-        v1, v2, v3 = self.coefficients
-        factor = dr.clip(1 + r2 * (v1 + r2 * (v2 + r2 * v3)), 0, 1)
-        return factor * dr.square(dr.square(dr.maximum(rays.cosine, 0))) if self.natural else factor
-
-
-def opaque_float(value: float) -> Any:
-    """A number that does not become part of the kernel's code."""
-    import drjit as dr
-
-    return dr.opaque(mitsuba().Float, float(np.float32(value)))

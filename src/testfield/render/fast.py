@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from testfield.camera.images import Radiance
-from testfield.render.camera_plugin import CameraRays, DeviceTwist, Rays, Vignetting, opaque_float, vignettes
+from testfield.render.camera_plugin import CameraRays
+from testfield.render.device_maths import DeviceTwist, Rays, opaque_float
 from testfield.render.fetch import fetch
 from testfield.render.irradiance import Irradiance, IrradianceSum
 from testfield.render.mesh_light import MeshLookup
@@ -22,6 +23,7 @@ from testfield.render.shade import shade
 from testfield.render.shots import shots
 from testfield.render.stage import Stage
 from testfield.render.variant import mitsuba
+from testfield.render.vignetting import Vignetting, vignettes
 
 CELLS_A_PASS = 6_000_000
 PARTS = 2

@@ -10,13 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from testfield.render.camera_plugin import CameraRays, Vignetting, vignettes
+from testfield.render.camera_plugin import CameraRays
 from testfield.render.fetch import fetch
 from testfield.render.irradiance import MAX_DEPTH
 from testfield.render.materials import coat, coat_pdf, sample_coat
 from testfield.render.sampled import Estimate
 from testfield.render.stage import Stage
 from testfield.render.variant import mitsuba
+from testfield.render.vignetting import Vignetting, vignettes
 from testfield.scene.world import GLOSS
 
 

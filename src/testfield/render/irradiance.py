@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from testfield.render.camera_plugin import opaque_float
+from testfield.render.device_maths import opaque_float
 from testfield.render.direct import LATTICE, LEVELS, DirectLight, DirectLookup, compute_direct
 from testfield.render.fetch import fetch
 from testfield.render.lookup import cell_of

@@ -38,11 +38,7 @@ from testfield.targets.field import Field, ScaleBar
 from testfield.targets.marks import RADII
 
 CARD_MARGIN = 0.3
-
-
 """By how much a card's half width exceeds the quiet zone, in dot radii."""
-
-
 BAR_THICKNESS_MM, CARD_THICKNESS_MM = 20.0, 2.0
 
 

@@ -17,20 +17,10 @@ from testfield.scene.truth import Views
 from testfield.scene.world import World
 
 DECODABLE_PX = 8.0
-
-
 FACES_DEG = 75.0
-
-
 LEAST_CODES, LEAST_MARKS = 2, 8
-
-
 """What an image must show of a board to tell where it is."""
-
-
 LARGE, SMALL = 20.0, 0.02
-
-
 """A mesh's size over the measuring volume's diagonal beyond which its unit may be wrong."""
 
 

@@ -10,14 +10,8 @@ from testfield.scene.truth import Views
 from testfield.scene.world import World
 
 NARROWEST_PX, NARROWEST_AIRY_PX = 0.1, 0.25
-
-
 LONGEST_STREAK_PX = 200.0
-
-
 BLURRED = 0.7
-
-
 """Blur circle over diameter above which a target is hardly measured."""
 
 

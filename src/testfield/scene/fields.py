@@ -16,23 +16,11 @@ from testfield.sensor.presets import presets
 from testfield.targets.board_pattern import dictionary
 
 PositiveFloat = Annotated[float, Field(ge=1e-9)]
-
-
 """Less is nothing, and would overflow where something is divided by it."""
-
-
 Vector3 = tuple[float, float, float]
-
-
 Pair = tuple[float, float]
-
-
 Size = tuple[PositiveFloat, PositiveFloat]
-
-
 Ink = Literal["matt", "gloss", "retro", "luminous"]
-
-
 Count = Annotated[int, Field(ge=1, le=1000)]
 
 
@@ -53,8 +41,6 @@ def _printable(name: str) -> str:
 
 
 Label = Annotated[str, Field(min_length=1, max_length=80), AfterValidator(_printable)]
-
-
 SHORTEST_DIRECTION = 1e-6
 
 

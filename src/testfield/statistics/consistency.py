@@ -80,12 +80,6 @@ def joint_hit_band(cov: np.ndarray, size: int, p: float = 0.95, central: float =
     return int(low), int(high)
 
 
-def zeta(value: np.ndarray, reference: np.ndarray, u: np.ndarray, u_reference: np.ndarray | float = 0) -> np.ndarray:
-    """Zeta scores (ISO 13528): differences from the reference over the standard uncertainty of both together; twice
-    E_n with k = 2."""
-    return (value - reference) / np.hypot(u, u_reference)
-
-
 def decorrelated(error: np.ndarray, cov: np.ndarray) -> np.ndarray:
     """(r,) independent standard normal values, if errors (n,) have the claimed covariance (n, n) of rank r: what the
     errors are along its principal axes, over their uncertainties there."""

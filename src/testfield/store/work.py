@@ -16,8 +16,6 @@ from testfield.store.pool import SPAWN, process_pool
 
 LOOK_S = 0.3
 """How often it is asked what a group that still works has finished."""
-
-
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 

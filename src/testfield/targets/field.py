@@ -3,17 +3,17 @@
 import json
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any
 
 import numpy as np
-import pydantic
 
 from testfield.errors import speaking
 from testfield.registry import names
-from testfield.store.sheets import FORMAT, LARGEST_MM, Count, Sheet, checked, read_json, unique
+from testfield.store.sheets import FORMAT, checked, read_json, unique
 from testfield.store.text import write_text
 from testfield.targets.board_pattern import BoardPattern, dictionary
-from testfield.targets.camera_sheet import CameraSheet, CameraTable, RigSheet, RigTable, cameras_of, tables_of
+from testfield.targets.camera_sheet import CameraSheet, RigSheet, cameras_of, tables_of
+from testfield.targets.field_sheets import BoardSheet, FieldSheet
 from testfield.targets.marks import RADII, USUAL, Marks, RingRadii
 
 
@@ -75,17 +75,6 @@ def code_at(code: Any, time: Any) -> Any:
 
 
 @dataclass(frozen=True)
-class Wand:
-    """Three or more coded targets on a line, `codes` at `at_mm` from the first, which stays in one place while the wand
-    turns about it; `u_mm` is each distance's standard uncertainty."""
-
-    name: str
-    codes: tuple[int, ...]
-    at_mm: tuple[float, ...]
-    u_mm: float = 0.0
-
-
-@dataclass(frozen=True)
 class MeasuringLine:
     """Coded targets on a line for a length measurement test: `codes` in order, the calibrated distances `length_mm`
     of all but the first from the first, and their standard uncertainty `u_length_mm`. No adjustment may use them."""
@@ -113,7 +102,6 @@ class Field:
     white_on_black: bool = True
     u_scale: float = 0.0
     code_radii: str = USUAL
-    wands: tuple[Wand, ...] = ()
     measuring_lines: tuple[MeasuringLine, ...] = ()
     cameras: tuple[CameraSheet, ...] = ()
     rigs: tuple[RigSheet, ...] = ()
@@ -182,7 +170,6 @@ class Field:
             "boards": boards,
             "scale_bars": bars,
             "loose_diameter_mm": {str(code): d for code, d in self.loose.items()},
-            **({"wands": [asdict(wand) for wand in self.wands]} if self.wands else {}),
             **({"measuring_lines": [asdict(line) for line in self.measuring_lines]} if self.measuring_lines else {}),
             **tables_of(self.cameras, self.rigs),
         }
@@ -192,14 +179,13 @@ class Field:
     @speaking("field sheet")
     def load(path: Path) -> "Field":
         """Read what `save` wrote. Raises `TestfieldError` where types, names, lengths or numbers are not such."""
-        sheet = checked(_Sheet, read_json(path))
+        sheet = checked(FieldSheet, read_json(path))
         boards = tuple(_board(b, sheet.bits) for b in sheet.boards)
         bars = tuple(ScaleBar(b.name, b.role, b.codes, b.length_mm, b.u_length_mm, b.moved) for b in sheet.scale_bars)
-        wands = tuple(Wand(w.name, w.codes, w.at_mm, w.u_mm) for w in sheet.wands)
         lines = tuple(MeasuringLine(v.name, v.codes, v.length_mm, v.u_length_mm) for v in sheet.measuring_lines)
         if sheet.code_radii not in RADII:
             raise ValueError(f"code_radii '{sheet.code_radii}' is none of {', '.join(RADII)}")
-        for what, named in (("board", boards), ("bar", bars), ("wand", wands), ("measuring line", lines)):
+        for what, named in (("board", boards), ("bar", bars), ("measuring line", lines)):
             unique([one.name for one in named], what)
         cameras, rigs = cameras_of(sheet.cameras, sheet.rigs)
         return Field(
@@ -210,94 +196,13 @@ class Field:
             white_on_black=sheet.white_on_black,
             u_scale=sheet.u_scale,
             code_radii=sheet.code_radii,
-            wands=wands,
             measuring_lines=lines,
             cameras=cameras,
             rigs=rigs,
         )
 
 
-Millimetres = Annotated[float, pydantic.Field(ge=-LARGEST_MM, le=LARGEST_MM)]
-Length = Annotated[float, pydantic.Field(gt=0, le=LARGEST_MM)]
-Uncertainty = Annotated[float, pydantic.Field(ge=0, le=LARGEST_MM)]
-Triple = tuple[Millimetres, Millimetres, Millimetres]
-
-
-class _PoseSheet(Sheet):
-    turn_rad: Triple
-    t_mm: Triple
-    u_turn_rad: Uncertainty
-    u_mm: Uncertainty
-
-
-class _PatternSheet(Sheet):
-    kind: str
-    columns: Annotated[int, pydantic.Field(ge=1, le=1000)]
-    rows: Annotated[int, pydantic.Field(ge=1, le=1000)]
-    pitch_mm: Length
-    mark_mm: Uncertainty = 0.0
-    names: str = ""
-    first_tag: Count = 0
-    legacy: bool = False
-
-
-class _BoardSheet(Sheet):
-    name: str
-    u_xy_mm: Uncertainty
-    u_z_mm: Uncertainty
-    x_mm: list[Millimetres]
-    y_mm: list[Millimetres]
-    diameter_mm: list[Uncertainty]
-    code: list[Count]
-    pattern: _PatternSheet | None = None
-    size_mm: tuple[Length, Length] | None = None
-    pose: _PoseSheet | None = None
-
-
-class _BarSheet(Sheet):
-    name: str
-    role: Literal["control", "check"]
-    codes: tuple[Count, Count]
-    length_mm: Length
-    u_length_mm: Uncertainty
-    moved: bool = False
-
-
-class _WandSheet(Sheet):
-    name: str
-    codes: tuple[Count, ...]
-    at_mm: tuple[Uncertainty, ...]
-    u_mm: Uncertainty = 0.0
-
-
-class _LineSheet(Sheet):
-    name: str
-    codes: tuple[Count, ...]
-    length_mm: tuple[Length, ...]
-    u_length_mm: Uncertainty
-
-    @pydantic.model_validator(mode="after")
-    def _as_many(self) -> "_LineSheet":
-        if len(self.codes) != len(self.length_mm) + 1:
-            raise ValueError(f"{len(self.codes)} codes and {len(self.length_mm)} lengths from the first")
-        return self
-
-
-class _Sheet(Sheet):
-    bits: Literal[8, 10, 12, 14, 16, 20]
-    code_radii: str = USUAL  # sheets of before there was a choice
-    white_on_black: bool
-    u_scale: Annotated[float, pydantic.Field(ge=0, le=1)]
-    boards: list[_BoardSheet]
-    scale_bars: list[_BarSheet]
-    loose_diameter_mm: dict[Count, Length]
-    wands: tuple[_WandSheet, ...] = ()
-    measuring_lines: tuple[_LineSheet, ...] = ()
-    cameras: tuple[CameraTable, ...] = ()
-    rigs: tuple[RigTable, ...] = ()
-
-
-def _board(b: _BoardSheet, bits: int) -> NominalBoard:
+def _board(b: BoardSheet, bits: int) -> NominalBoard:
     n = len(b.x_mm)
     if not n == len(b.y_mm) == len(b.diameter_mm) == len(b.code):
         raise ValueError(f"board '{b.name}' has lists of different lengths")

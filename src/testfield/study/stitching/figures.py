@@ -15,8 +15,6 @@ LOOKS = {
 }  # fmt: skip
 WIDE = {0: ("close views only", WARM, "o"), 1: ("with 1 wide view", FAINT, "s"), 2: ("with 2 wide views", FAINT, "s"),
         4: ("with 4 wide views", ACCENT, "D")}  # fmt: skip
-
-
 BEYOND = 100.0
 """A lens that errs by more px, or points by more mm, are not shown: nothing was determined."""
 
