@@ -557,15 +557,15 @@ CHAIN = [
     Defect(
         "calibrate forgets its code",
         "calibrate_key",
-        "code_digest(module_of('calibrators', __m__), *__l__, *__b__)",
+        "code_digest(module_of('calibrators', __m__), *__l__)",
         "''",
         OWN_CODE,
     ),
     Defect(
         "calibrate forgets the lens' code",
         "calibrate_key",
-        "code_digest(module_of('calibrators', __m__), *__l__, *__b__)",
-        "code_digest(module_of('calibrators', __m__), *__b__)",
+        "code_digest(module_of('calibrators', __m__), *__l__)",
+        "code_digest(module_of('calibrators', __m__))",
         OWN_CODE,
     ),
     Defect(

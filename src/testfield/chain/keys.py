@@ -54,6 +54,13 @@ def render_keys(scene: SceneFile, world: World) -> RenderKeys:
     return RenderKeys(light_key, keys)
 
 
+def pipeline_code() -> str:
+    """Digest of the pipeline that calls detector, calibrator and reconstructor, without what it calls."""
+    return code_digest(
+        "testfield.measure.pipeline", without=("testfield.detect", "testfield.calibrate", "testfield.reconstruct")
+    )
+
+
 def lens_modules(scene: SceneFile) -> list[str]:
     """The modules of the lens models that a scene's cameras have and that it calibrates."""
     calibrated = recipe_of(scene).lens
@@ -86,7 +93,7 @@ def detect_key(scene: SceneFile, field: Field, frames: list[str]) -> str:
 
     recipe = recipe_of(scene)
     modules = {module_of("centroids", name) for name in (recipe.centroid.name, ROUGH)}
-    code = code_digest("testfield.detect.detect", *sorted(modules), *board_modules(field))
+    code = pipeline_code() + code_digest("testfield.detect.detect", *sorted(modules), *board_modules(field))
     return digest(code, frames, without_cameras(field), recipe.centroid, recipe.smallest_diameter_px)
 
 
@@ -98,14 +105,16 @@ def without_cameras(field: Field) -> Field:
 def calibrate_key(scene: SceneFile, field: Field, observations: str) -> str:
     """Key of `calibration.json`, from observations of these bytes."""
     recipe = recipe_of(scene)
-    code = code_digest(module_of("calibrators", recipe.calibrator.name), *lens_modules(scene), *board_modules(field))
+    modules = [*lens_modules(scene), *board_modules(field)]
+    code = pipeline_code() + code_digest(module_of("calibrators", recipe.calibrator.name), *modules)
     return digest(code, observations, field, recipe.calibrator)
 
 
 def reconstruct_key(scene: SceneFile, field: Field, observations: str, calibration: str) -> str:
     """Key of `points.parquet`, from observations and a calibration of these bytes."""
     method = recipe_of(scene).reconstructor
-    code = code_digest(module_of("reconstructors", method.name), *lens_modules(scene), *board_modules(field))
+    modules = [*lens_modules(scene), *board_modules(field)]
+    code = pipeline_code() + code_digest(module_of("reconstructors", method.name), *modules)
     return digest(code, observations, calibration, without_cameras(field), method)
 
 
