@@ -1,4 +1,4 @@
-"""Algorithms and a lens model as a user adds them: this one file, and one line where it is imported.
+"""Algorithms, a lens model and a kind of board as a user adds them: this one file, and one line where it is imported.
 
 In a package of one's own that line is an entry point: `one_term = "my_package.ones_own"` under `testfield.lenses`.
 """
@@ -16,6 +16,14 @@ from testfield.reconstruct.estimate import Method, Trials, reconstruct
 from testfield.reconstruct.points import Points
 from testfield.reconstruct.sights import Rays, Sights
 from testfield.registry import register
+from testfield.targets.board_pattern import (
+    BoardKind,
+    BoardPattern,
+    cells_of_tags,
+    corners_of_tags,
+    free_around_tags_mm,
+    half_of_marks_mm,
+)
 from testfield.targets.field import Field
 
 
@@ -61,3 +69,23 @@ def _by_depth(sights: Sights, rays: Rays, calibration: Calibration) -> np.ndarra
 def by_depth(observations: Observations, calibration: Calibration, field: Field) -> Points:
     """Near rays count more."""
     return reconstruct(observations, calibration, field, Method("by_depth", _by_depth))
+
+
+def _staggered_mm(pattern: BoardPattern) -> np.ndarray:
+    row, column = np.divmod(np.arange(pattern.columns * pattern.rows), pattern.columns)
+    xy = np.column_stack([column + 0.5 * (row % 2), -row]) * pattern.pitch_mm
+    return xy - (xy.max(axis=0) + xy.min(axis=0)) / 2
+
+
+@register("boards", "staggered_tags")
+def staggered_tags() -> BoardKind:
+    """Tags of which every other row is moved by half a distance."""
+    return BoardKind(
+        points_mm=corners_of_tags,
+        half_mm=lambda pattern: half_of_marks_mm(pattern, _staggered_mm(pattern)),
+        free_mm=free_around_tags_mm,
+        cells=cells_of_tags,
+        tag_middles_mm=_staggered_mm,
+        known_within_mm=lambda pattern: pattern.pitch_mm - pattern.mark_mm,
+        crossing=False,
+    )

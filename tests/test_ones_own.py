@@ -1,4 +1,4 @@
-"""Algorithms and a lens model of one's own: one file outside the package, found by name wherever names are given."""
+"""Algorithms, a lens model and a kind of board of one's own: one file, found by name wherever names are given."""
 
 import sys
 from collections.abc import Iterator
@@ -6,13 +6,16 @@ from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from testfield import registry
+from testfield.camera.images import Frame, SensorSheet
 from testfield.camera.interior import Interior
 from testfield.certify.lens import certify_lens
-from testfield.detect.observations import Observations
+from testfield.detect.detect import detect
+from testfield.detect.observations import MEASURED, Observations
 from testfield.errors import TestfieldError
 from testfield.measure.pipeline import measure
 from testfield.measure.recipe import Algorithm, Recipe
@@ -21,7 +24,11 @@ from testfield.scene.camera_parts import CameraPart
 from testfield.scene.load import load_scene
 from testfield.scene.truth import see
 from testfield.scene.world import World
+from testfield.simulate.board_image import draw_board, facing
 from testfield.simulate.observations import draw_observations
+from testfield.targets.board_pattern import BoardPattern
+from testfield.targets.field import Field, NominalBoard
+from testfield.targets.marks import Marks
 from testfield.uncertainty.rays import RayTrials
 
 QUICK = Path(__file__).parents[1] / "scenes/quick.toml"
@@ -86,6 +93,39 @@ def test_files_commands_and_the_certificate_know_the_lens_model() -> None:
     verdicts = {verdict.name: verdict for verdict in certify_lens(quick=True)}
     assert verdicts["round trip, one_term"].passed
     assert verdicts["points folded back"].passed
+
+
+def test_a_kind_of_board_of_ones_own_is_printed_told_and_detected(tmp_path: Path) -> None:
+    pattern = BoardPattern("staggered_tags", 4, 3, 40.0, 28.0, "DICT_4X4_50")
+    n = len(pattern.points_mm)
+    marks = Marks(pattern.points_mm, np.full(n, pattern.free_mm), np.zeros(n, int))
+    sheet = Field(14, (NominalBoard("own", marks, 0.0, 0.0, pattern, (200.0, 150.0)),), (), {})
+    sheet.save(tmp_path / "field.json")
+    told = Field.load(tmp_path / "field.json")
+    assert told.boards[0].pattern == pattern
+
+    to_px = facing(4.0, (400.0, 300.0), 7.0, 1e-4)
+    image = draw_board(pattern, (800, 600), to_px, fine=10, black_and_white=(400.0, 3000.0))
+    image += np.random.default_rng(1).normal(0, 3, image.shape)
+    frame = Frame("one", np.rint(image).astype(np.uint16), SensorSheet(2.6, 2.3, 64.0, 12))
+    found = detect(frame, told, "forward_model", 5.0)
+    good = found.take(found.status == MEASURED)
+    assert len(good) == n
+    true = cv2.perspectiveTransform(pattern.points_mm[None], to_px)[0]
+    assert np.abs(good.xy_px - true[good.point]).max() < 0.05
+
+
+def test_a_finder_of_ones_own_reads_a_kind_of_board(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[BoardPattern] = []
+    monkeypatch.setitem(
+        registry._known["boards"], "staggered_tags", {"read": lambda image, pattern: asked.append(pattern)}
+    )
+    pattern = BoardPattern("staggered_tags", 2, 2, 40.0, 28.0, "DICT_4X4_50")
+    marks = Marks(pattern.points_mm, np.full(16, pattern.free_mm), np.zeros(16, int))
+    sheet = Field(14, (NominalBoard("own", marks, 0.0, 0.0, pattern, (200.0, 150.0)),), (), {})
+    frame = Frame("one", np.full((100, 100), 3000, np.uint16), SensorSheet(2.6, 2.3, 64.0, 12))
+    detect(frame, sheet, "forward_model", 5.0)
+    assert asked == [pattern]
 
 
 def test_a_name_that_nobody_registered_is_refused_with_those_that_are() -> None:

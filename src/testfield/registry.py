@@ -1,4 +1,4 @@
-"""What is chosen by name: centroids, calibrators, reconstructors, lens models, found through Python entry points.
+"""What is chosen by name, found through Python entry points: algorithms, lens models, kinds of boards.
 
 A user adds one in their own package: decorate a function with `@register("centroids", "mine")` and name its
 module in the entry-point group `testfield.centroids`. Nothing here imports an algorithm before it is asked for.
@@ -16,10 +16,12 @@ KINDS = {
     "calibrators": "calibrator",
     "reconstructors": "reconstructor",
     "lenses": "lens model",
+    "boards": "kind of board",
 }
 """The kinds of things that have names, and what one of them is called.
 
-A lens model is registered as a function without arguments that gives a `camera.lens.LensModel`.
+A lens model is registered as a function without arguments that gives a `camera.lens.LensModel`, a kind of board as
+one that gives a `targets.board_pattern.BoardKind`.
 """
 
 ALGORITHMS = ("centroids", "calibrators", "reconstructors")

@@ -20,7 +20,7 @@ ADVICE = "exchange x and y (row and column), undo the mirroring of the image, or
 def tells_its_side(field: Field, board: int) -> bool:
     """Whether a board looks another way in a mirror: a symmetric grid of circles or of plain dots does not."""
     pattern, marks = field.boards[board].pattern, field.boards[board].marks
-    return bool((marks.code > 0).any()) if pattern is None else pattern.kind != "circles"
+    return bool((marks.code > 0).any()) if pattern is None else pattern.of_kind.shows_front
 
 
 def from_behind(

@@ -17,8 +17,6 @@ from testfield.store.code import code_digest
 from testfield.store.digests import digest
 from testfield.targets.field import Field
 
-TRUTH_MODULES = ("testfield.scene.build", "testfield.scene.truth")
-
 
 @dataclass(frozen=True)
 class RenderKeys:
@@ -56,11 +54,29 @@ def render_keys(scene: SceneFile, world: World) -> RenderKeys:
     return RenderKeys(light_key, keys)
 
 
+def pipeline_code() -> str:
+    """Digest of the pipeline that calls detector, calibrator and reconstructor, without what it calls."""
+    return code_digest(
+        "testfield.measure.pipeline", without=("testfield.detect", "testfield.calibrate", "testfield.reconstruct")
+    )
+
+
 def lens_modules(scene: SceneFile) -> list[str]:
     """The modules of the lens models that a scene's cameras have and that it calibrates."""
     calibrated = recipe_of(scene).lens
     models = {camera.lens for camera in scene.cameras or (scene.camera,)} | ({calibrated} if calibrated else set())
     return sorted(module_of("lenses", name) for name in models)
+
+
+def truth_modules(scene: SceneFile, world: World) -> list[str]:
+    """The modules that make the truth of a scene."""
+    return ["testfield.scene.build", "testfield.scene.truth", *lens_modules(scene), *board_modules(world.field)]
+
+
+def board_modules(field: Field) -> list[str]:
+    """The modules of the kinds of boards in a field."""
+    kinds = {board.pattern.kind for board in field.boards if board.pattern is not None}
+    return sorted(module_of("boards", kind) for kind in kinds)
 
 
 def expose_key(scene: SceneFile, station: str, radiance: str, sensor_seed: int | None = None) -> str:
@@ -77,7 +93,7 @@ def detect_key(scene: SceneFile, field: Field, frames: list[str]) -> str:
 
     recipe = recipe_of(scene)
     modules = {module_of("centroids", name) for name in (recipe.centroid.name, ROUGH)}
-    code = code_digest("testfield.detect.detect", *sorted(modules))
+    code = pipeline_code() + code_digest("testfield.detect.detect", *sorted(modules), *board_modules(field))
     return digest(code, frames, without_cameras(field), recipe.centroid, recipe.smallest_diameter_px)
 
 
@@ -89,24 +105,26 @@ def without_cameras(field: Field) -> Field:
 def calibrate_key(scene: SceneFile, field: Field, observations: str) -> str:
     """Key of `calibration.json`, from observations of these bytes."""
     recipe = recipe_of(scene)
-    code = code_digest(module_of("calibrators", recipe.calibrator.name), *lens_modules(scene))
+    modules = [*lens_modules(scene), *board_modules(field)]
+    code = pipeline_code() + code_digest(module_of("calibrators", recipe.calibrator.name), *modules)
     return digest(code, observations, field, recipe.calibrator)
 
 
 def reconstruct_key(scene: SceneFile, field: Field, observations: str, calibration: str) -> str:
     """Key of `points.parquet`, from observations and a calibration of these bytes."""
     method = recipe_of(scene).reconstructor
-    code = code_digest(module_of("reconstructors", method.name), *lens_modules(scene))
+    modules = [*lens_modules(scene), *board_modules(field)]
+    code = pipeline_code() + code_digest(module_of("reconstructors", method.name), *modules)
     return digest(code, observations, calibration, without_cameras(field), method)
 
 
 def score_key(scene: SceneFile, world: World, measured: list[str], times: Mapping[str, float]) -> str:
     """Key of `scorecard.json`, from measured files of these bytes, and the times that it repeats."""
-    code = code_digest("testfield.score.scorecard", *TRUTH_MODULES, *lens_modules(scene))
+    code = code_digest("testfield.score.scorecard", *truth_modules(scene, world))
     return digest(code, measured, scene.model_dump(), world.meshes, times)
 
 
 def report_key(scene: SceneFile, world: World, files: list[str], certificate: str) -> str:
     """Key of `report.html`, from a run's files and a certificate of these bytes (empty for none)."""
-    code = code_digest("testfield.report.page", *TRUTH_MODULES, *lens_modules(scene))
+    code = code_digest("testfield.report.page", *truth_modules(scene, world))
     return digest(code, files, scene.model_dump(), world.meshes, certificate)

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from testfield.calibrate.calibration import Calibration
-from testfield.chain.keys import lens_modules
+from testfield.chain.keys import board_modules, lens_modules
 from testfield.chain.recipe import recipe_of
 from testfield.chain.run import Run
 from testfield.detect.observations import Observations
@@ -70,7 +70,7 @@ class Trials:
             for part in run.truth.parts:
                 sensor = {**part.scene.sensor.model_dump(), "exposure": part.scene.exposure.model_dump()}
                 names += [repr(sensor), repr(part.scene.camera.model_dump())]
-        code = code_digest(*sorted(modules), *lens_modules(run.scene))
+        code = code_digest(*sorted(modules), *lens_modules(run.scene), *board_modules(run.field))
         files = [file_digest(path) for path in inputs]
         return digest(code, files, run.field, run.scene.seed, asked.model_dump(), names)
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from testfield.chain.keys import TRUTH_MODULES, lens_modules
+from testfield.chain.keys import truth_modules
 from testfield.chain.run import Run
 from testfield.scene.world import ROLES
 from testfield.store.code import code_digest
@@ -18,7 +18,7 @@ NOTES = {"format": str(FORMAT)}
 
 def write_truth(run: Run) -> None:
     """Write the truth of a run, unless it is there."""
-    key = digest(code_digest(*TRUTH_MODULES, *lens_modules(run.scene)), run.scene.model_dump(), run.world.meshes)
+    key = digest(code_digest(*truth_modules(run.scene, run.world)), run.scene.model_dump(), run.world.meshes)
     run.ledger.make("truth/marks.parquet", key, lambda path: _marks(run, path))
     run.ledger.make("truth/views.parquet", key, lambda path: _views(run, path))
     run.ledger.make("truth/camera.json", key, lambda path: _camera(run, path))

@@ -3,7 +3,7 @@
 import argparse
 from typing import Any
 
-KINDS = ("scenes", "centroids", "calibrators", "reconstructors", "lenses", "sensors")
+KINDS = ("scenes", "centroids", "calibrators", "reconstructors", "lenses", "boards", "sensors")
 
 
 def add(commands: Any) -> None:

@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 
 from testfield.detect.circle_grid import order_grid
+from testfield.registry import known_of
 from testfield.targets.board_pattern import BoardPattern
 from testfield.targets.field import Field
 
@@ -23,8 +24,9 @@ def name_circles(
         if sheet.pattern is None or sheet.has_corners:
             continue
         left = np.flatnonzero(free & (board == -1))
-        find = _symmetric if sheet.pattern.kind == "circles" else _asymmetric
-        number = find(xy_px[left], diameter_px[left], sheet.pattern)
+        own = known_of("boards", sheet.pattern.kind, "name")
+        name = own or (_asymmetric if sheet.pattern.of_kind.staggered else _symmetric)
+        number = name(xy_px[left], diameter_px[left], sheet.pattern)
         board[left[number >= 0]] = b
         point[left[number >= 0]] = number[number >= 0]
     return board, point

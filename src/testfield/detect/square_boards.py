@@ -17,6 +17,7 @@ from testfield.detect.corner_model import HALF_PX, FittedCorners, fit_corners, o
 from testfield.detect.eight_bits import pictures
 from testfield.detect.observations import MEASURED, Observations
 from testfield.detect.opencv_boards import tag_detector
+from testfield.registry import known_of
 from testfield.targets.board_pattern import CORNERS_A_TAG, SIDES, BoardPattern, dictionary
 from testfield.targets.field import Field, NominalBoard
 
@@ -71,7 +72,10 @@ class _Reader:
 
     def board(self, pattern: BoardPattern) -> Seen | None:
         try:
-            return self._checkerboard(pattern) if pattern.kind == "checkerboard" else self._tags(pattern)
+            read = known_of("boards", pattern.kind, "read")
+            if read is not None:
+                return read(self.image, pattern)  # type: ignore[no-any-return]
+            return self._tags(pattern) if len(pattern.tags) else self._checkerboard(pattern)
         except cv2.error:  # of points on one line, for example
             return None
 
@@ -152,9 +156,7 @@ def measure_corners(
     points = pattern.points_mm
     # A corner is looked for where what is known lies next to it.
     gap = np.linalg.norm(points[:, None] - seen.board_mm[None], axis=2).min(axis=1)
-    between = pattern.pitch_mm - pattern.mark_mm
-    next_to = {"charuco": between / np.sqrt(2), "checkerboard": 0.0, "tags": between}[pattern.kind]
-    point = np.flatnonzero(gap <= next_to + 1e-6 * pattern.pitch_mm)
+    point = np.flatnonzero(gap <= pattern.of_kind.known_within_mm(pattern) + 1e-6 * pattern.pitch_mm)
     maps = _local_maps(seen, points[point])
     if maps is None or len(point) == 0:
         return _observations(station)
@@ -165,13 +167,13 @@ def measure_corners(
     if len(point) == 0:
         return _observations(station)
     # The quadrant between u and v: of crossing edges a white one, of a tag its own black one.
-    if pattern.kind == "tags":
+    if not pattern.of_kind.crossing:
         signs = -SIDES[point % CORNERS_A_TAG]
     else:
         up_right = pattern.cells.at(points[point] + 0.01 * pattern.free_mm)
         signs = np.column_stack([np.where(up_right, -1, 1), np.ones(len(point))])
     edges = axes * signs[:, None, :]
-    crossing = np.full(len(point), pattern.kind != "tags")
+    crossing = np.full(len(point), pattern.of_kind.crossing)
     clear = CLEAR_PX
     for _ in range(2):
         use = _clear_pixels(board, points[point], xy, axes, clear) & ~_covered(

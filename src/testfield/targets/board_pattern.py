@@ -1,17 +1,18 @@
-"""Boards that people own: ChArUco, checkerboards, grids of tags, grids of circles. What is printed on them, and where.
+"""Boards that people own, by kind (`targets/kinds`): what is printed on them, and where.
 
 Everything is in the board's frame (x right, y up from its middle). Squares and tags are cells between straight lines;
 a corner is where two edges cross (checkerboard, ChArUco) or meet (outer corners of tags).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 import cv2
 import numpy as np
 
-SQUARES = ("charuco", "checkerboard", "tags")
-CIRCLES = ("circles", "acircles")
+from testfield.registry import find
+
 CORNERS_A_TAG = 4
 SIDES = np.array([[-1, 1], [1, 1], [1, -1], [-1, -1]])
 """A tag's outer corners from its middle, in OpenCV's order: clockwise from the top left, seen from the front."""
@@ -51,10 +52,39 @@ class Cells:
 
 
 @dataclass(frozen=True)
+class BoardKind:
+    """What a kind of boards is: functions of a pattern, and how it is looked for.
+
+    `points_mm` gives (n, 2) corners or centres of circles, row by row from the top left; `half_mm` (2,) half the width
+    and height of all that is printed; `free_mm` the diameter around a point in which nothing else is printed (of a
+    circle, its own); `cells` the print of squares and tags, None for circles; `tag_middles_mm` (n, 2) the middles of
+    its tags, None for boards without.
+
+    Corners are `crossing` where two edges cross, else they are a tag's own; they are looked for within
+    `known_within_mm` of one that was read. Circles are `staggered` in an asymmetric grid. `shows_front` tells whether
+    an image of the board tells it from its mirror image.
+
+    A kind that OpenCV's finders of tags, checkerboards and grids of circles do not find gives a finder of its own when
+    it is registered: `read` (image (h, w), pattern) to a `detect.square_boards.Seen` or None, or `name` (centres
+    (n, 2) px, diameters (n,) px, pattern) to (n,) numbers of points, -1 for none.
+    """
+
+    points_mm: Callable[["BoardPattern"], np.ndarray]
+    half_mm: Callable[["BoardPattern"], np.ndarray]
+    free_mm: Callable[["BoardPattern"], float]
+    cells: Callable[["BoardPattern"], Cells] | None = None
+    tag_middles_mm: Callable[["BoardPattern"], np.ndarray] | None = None
+    known_within_mm: Callable[["BoardPattern"], float] = lambda pattern: 0.0
+    crossing: bool = True
+    staggered: bool = False
+    shows_front: bool = True
+
+
+@dataclass(frozen=True)
 class BoardPattern:
     """What a board shows.
 
-    `kind` of `SQUARES` or `CIRCLES`; `columns`, `rows` of squares, tags or circles; `pitch_mm` from one to the next (of
+    `kind` a name of a `BoardKind`; `columns`, `rows` of squares, tags or circles; `pitch_mm` from one to the next (of
     an asymmetric grid: half the distance within a row, and from row to row); `mark_mm` a tag's side or a circle's
     diameter, 0 on a checkerboard; `names` the OpenCV dictionary of the tags; `first_tag` the number of the first;
     `legacy`: a ChArUco board as OpenCV printed it before 4.6, black at the bottom left instead of the top left.
@@ -70,100 +100,114 @@ class BoardPattern:
     legacy: bool = False
 
     @property
+    def of_kind(self) -> BoardKind:
+        """What its kind is. Raises `TestfieldError` where there is none of that name."""
+        return _made(find("boards", self.kind))
+
+    @property
     def has_corners(self) -> bool:
         """Whether its points are corners; of the others they are centres of circles."""
-        return self.kind in SQUARES
+        return self.of_kind.cells is not None
 
     @property
     def tags(self) -> np.ndarray:
         """(n,) numbers of its tags, row by row from the top left."""
-        if self.kind == "charuco":
-            return self.first_tag + np.arange(self.columns * self.rows // 2)
-        return self.first_tag + np.arange(self.columns * self.rows if self.kind == "tags" else 0)
+        return self.first_tag + np.arange(len(self.tag_middles_mm))
 
     @cached_property
     def points_mm(self) -> np.ndarray:
         """(n, 2) corners or centres of circles, row by row from the top left; of tags, four corners each."""
-        if self.kind == "acircles":
-            row, k = np.divmod(np.arange(self.columns * self.rows), self.columns)
-            xy = np.column_stack([2 * k + row % 2, -row]) * self.pitch_mm
-            return xy - (xy.max(axis=0) + xy.min(axis=0)) / 2
-        if self.kind == "tags":
-            return (self.tag_middles_mm[:, None] + SIDES * self.mark_mm / 2).reshape(-1, 2)
-        less = 1 if self.has_corners else 0
-        return _grid(self.columns - less, self.rows - less, self.pitch_mm)
+        return self.of_kind.points_mm(self)
 
     @property
     def free_mm(self) -> float:
         """Diameter of the circle around a corner in which nothing else is printed; of a circle, its own."""
-        if self.kind == "charuco":  # a tag's corner is next, along the diagonal of its square
-            return float(np.sqrt(2) * (self.pitch_mm - self.mark_mm))
-        if self.kind == "tags":  # a tag's border is one cell wide
-            gap = self.pitch_mm - self.mark_mm
-            return float(2 * min(np.sqrt(2) * self.mark_mm / self._cells_a_tag, gap))
-        return 2 * self.pitch_mm if self.kind == "checkerboard" else self.mark_mm
+        return float(self.of_kind.free_mm(self))
 
     @property
     def half_mm(self) -> np.ndarray:
         """(2,) half the width and height of all that is printed."""
-        if self.kind in ("charuco", "checkerboard"):
-            return np.array([self.columns, self.rows]) * self.pitch_mm / 2
-        middles = self.tag_middles_mm if self.kind == "tags" else self.points_mm
-        return np.asarray(np.abs(middles).max(axis=0) + self.mark_mm / 2)
+        return self.of_kind.half_mm(self)
 
     @cached_property
     def cells(self) -> Cells:
         """The print of squares and tags."""
-        if not self.has_corners:
+        if self.of_kind.cells is None:
             raise ValueError(f"a board of {self.kind} has no cells")
-        half = self.half_mm
-        x, y = (self._lines(n, h) for n, h in zip((self.columns, self.rows), half, strict=True))
-        middle = np.stack(np.meshgrid((x[1:] + x[:-1]) / 2, (y[1:] + y[:-1]) / 2), axis=-1)
-        if self.kind == "tags":
-            black = np.zeros(middle.shape[:2], bool)
-        else:
-            column, row = np.moveaxis(np.floor((middle + half) / self.pitch_mm).astype(int), -1, 0)
-            black = (column + self.rows - 1 - row) % 2 == self._first_white
-        for number, at in zip(self.tags, self.tag_middles_mm, strict=True):
-            u, v = np.moveaxis((middle - at) / self.mark_mm + 0.5, -1, 0)
-            inside = (u > 0) & (u < 1) & (v > 0) & (v < 1)
-            n = self._cells_a_tag
-            word = dictionary(self.names).generateImageMarker(int(number), n) == 0
-            black[inside] = word[n - 1 - (v[inside] * n).astype(int), (u[inside] * n).astype(int)]
-        return Cells(x, y, black)
-
-    @property
-    def _first_white(self) -> int:
-        """1 where the square at the top left is white, which holds a tag."""
-        return int(self.legacy and self.rows % 2 == 0)
-
-    @property
-    def _cells_a_tag(self) -> int:
-        return int(dictionary(self.names).markerSize) + 2
+        return self.of_kind.cells(self)
 
     @property
     def tag_middles_mm(self) -> np.ndarray:
         """(n, 2) middles of its tags, in the order of `tags`."""
-        if self.kind == "tags":
-            return _grid(self.columns, self.rows, self.pitch_mm)
-        if self.kind != "charuco":
-            return np.zeros((0, 2))
-        row, column = np.divmod(np.arange(self.columns * self.rows), self.columns)
-        return _grid(self.columns, self.rows, self.pitch_mm)[(row + column) % 2 != self._first_white]
+        middles = self.of_kind.tag_middles_mm
+        return np.zeros((0, 2)) if middles is None else middles(self)
 
-    def _lines(self, count: int, half_mm: float) -> np.ndarray:
-        """All lines of one direction: those of squares, and those of the cells of the tags in them."""
-        lines = np.arange(count + 1) * self.pitch_mm - half_mm if self.kind != "tags" else np.zeros(0)
-        if self.mark_mm:
-            inset = (self.pitch_mm - self.mark_mm) / 2 if self.kind == "charuco" else 0.0
-            first = np.arange(count)[:, None] * self.pitch_mm - half_mm + inset
-            cells = first + np.linspace(0, self.mark_mm, self._cells_a_tag + 1)
-            lines = np.concatenate([lines, cells.ravel()])
-        return np.sort(lines)
+    @property
+    def cells_a_tag(self) -> int:
+        """Cells along a tag's side, its border of one cell included."""
+        return int(dictionary(self.names).markerSize) + 2
 
 
-def _grid(columns: int, rows: int, pitch_mm: float) -> np.ndarray:
+@cache
+def _made(make: Callable[[], BoardKind]) -> BoardKind:
+    return make()
+
+
+def grid(columns: int, rows: int, pitch_mm: float) -> np.ndarray:
     """(n, 2) points of a regular grid about the middle, row by row from the top left."""
     x = (np.arange(columns) - (columns - 1) / 2) * pitch_mm
     y = ((rows - 1) / 2 - np.arange(rows)) * pitch_mm
     return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+
+
+def corners_of_tags(pattern: BoardPattern) -> np.ndarray:
+    """(4n, 2) outer corners of all tags, those of a tag in OpenCV's order."""
+    return (pattern.tag_middles_mm[:, None] + SIDES * pattern.mark_mm / 2).reshape(-1, 2)
+
+
+def free_around_tags_mm(pattern: BoardPattern) -> float:
+    """What is free around the corners of tags side by side, whose borders are one cell wide."""
+    gap = pattern.pitch_mm - pattern.mark_mm
+    return float(2 * min(np.sqrt(2) * pattern.mark_mm / pattern.cells_a_tag, gap))
+
+
+def half_of_marks_mm(pattern: BoardPattern, middles: np.ndarray) -> np.ndarray:
+    """(2,) half the width and height of marks about their middles (n, 2)."""
+    return np.asarray(np.abs(middles).max(axis=0) + pattern.mark_mm / 2)
+
+
+def lines_of_tags(pattern: BoardPattern, first_mm: np.ndarray) -> np.ndarray:
+    """All lines of one direction between the cells of tags that begin at places (n,)."""
+    return (first_mm[:, None] + np.linspace(0, pattern.mark_mm, pattern.cells_a_tag + 1)).ravel()
+
+
+def middles_of_cells(x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
+    """(r, c, 2) middles of the cells between ascending lines."""
+    return np.stack(np.meshgrid((x_mm[1:] + x_mm[:-1]) / 2, (y_mm[1:] + y_mm[:-1]) / 2), axis=-1)
+
+
+def with_tags(pattern: BoardPattern, middle: np.ndarray, black: np.ndarray) -> np.ndarray:
+    """(r, c) which cells are black, of cells with these middles (r, c, 2), when the tags are printed over `black`."""
+    black = black.copy()
+    n = pattern.cells_a_tag if len(pattern.tags) else 0
+    for number, at in zip(pattern.tags, pattern.tag_middles_mm, strict=True):
+        u, v = np.moveaxis((middle - at) / pattern.mark_mm + 0.5, -1, 0)
+        inside = (u > 0) & (u < 1) & (v > 0) & (v < 1)
+        word = dictionary(pattern.names).generateImageMarker(int(number), n) == 0
+        black[inside] = word[n - 1 - (v[inside] * n).astype(int), (u[inside] * n).astype(int)]
+    return black
+
+
+def cells_of_tags(pattern: BoardPattern) -> Cells:
+    """The print of a board that has tags alone, wherever they are."""
+    low = pattern.tag_middles_mm - pattern.mark_mm / 2
+    x, y = (np.sort(lines_of_tags(pattern, np.unique(low[:, axis]))) for axis in (0, 1))
+    middle = middles_of_cells(x, y)
+    return Cells(x, y, with_tags(pattern, middle, np.zeros(middle.shape[:2], bool)))
+
+
+def squares_black(pattern: BoardPattern, middle: np.ndarray, first_white: int) -> np.ndarray:
+    """(r, c) which cells with these middles lie in a black square; `first_white` 1 where the top left one is white."""
+    half = np.array([pattern.columns, pattern.rows]) * pattern.pitch_mm / 2
+    column, row = np.moveaxis(np.floor((middle + half) / pattern.pitch_mm).astype(int), -1, 0)
+    return np.asarray((column + pattern.rows - 1 - row) % 2 == first_white)

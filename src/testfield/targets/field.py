@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from testfield.errors import speaking
+from testfield.registry import names
 from testfield.store.sheets import FORMAT, checked, read_json, unique
 from testfield.store.text import write_text
-from testfield.targets.board_pattern import CIRCLES, SQUARES, BoardPattern, dictionary
+from testfield.targets.board_pattern import BoardPattern, dictionary
 from testfield.targets.camera_sheet import CameraSheet, RigSheet, cameras_of, tables_of
 from testfield.targets.field_sheets import BoardSheet, FieldSheet
 from testfield.targets.marks import RADII, USUAL, Marks, RingRadii
@@ -209,7 +210,7 @@ def _board(b: BoardSheet, bits: int) -> NominalBoard:
         raise ValueError(f"board '{b.name}' has a pattern and no size_mm")
     pattern = None
     if b.pattern is not None:
-        if b.pattern.kind not in (*SQUARES, *CIRCLES):
+        if b.pattern.kind not in names("boards"):
             raise ValueError(f"board '{b.name}': no pattern is called '{b.pattern.kind}'")
         if b.pattern.names:
             dictionary(b.pattern.names)
