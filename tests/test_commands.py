@@ -14,7 +14,8 @@ import pytest
 from testfield.chain.run import Run
 from testfield.cli.main import main
 from testfield.study.cases import Case
-from testfield.study.study import Findings, Study, Table
+from testfield.study.finding import Finding, Quantity, above
+from testfield.study.study import Results, Study, Table
 
 SCENES = Path(__file__).parents[1] / "scenes"
 
@@ -118,20 +119,30 @@ def _square(case: Case, run: Run | None) -> list[dict]:
 def test_a_study_is_done_and_told_through_the_command_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ) -> None:
-    def read(table: pd.DataFrame) -> Findings:
-        return Findings("It holds.", ["Squares grow."], [Table("All", table)], [], {"largest": table["square"].max()})
+    def read(table: pd.DataFrame) -> Results:
+        quantities = {"largest": Quantity(table["square"].max())}
+        return Results([Finding("grow", "Do squares grow?", quantities, above("largest", 0.5))], [Table("All", table)])
 
-    study = Study("squares", "Squares", "They grow.",
-                  lambda quick: [Case({"n": n}, f"{__name__}:_square") for n in range(2 if quick else 4)],
-                  read)  # fmt: skip
+    conclusion = tmp_path / "conclusion.md"
+    conclusion.write_text("<!-- grow: holds -->\nUp to {largest}.\n")
+    study = Study(
+        name="squares",
+        title="Squares",
+        claim="They grow.",
+        rests_on=("grow",),
+        cases=lambda quick: [Case({"n": n}, f"{__name__}:_square") for n in range(2 if quick else 4)],
+        read=read,
+        conclusion=conclusion,
+    )
     monkeypatch.setattr("testfield.study.studies.find_study", {"squares": study}.__getitem__)
     for more, largest in ((["--quick"], 1), ([], 9)):
         assert main(["study", "squares", "--out", str(tmp_path), "--jobs", "1", "--json", *more]) == 0
         found = json.loads(capsys.readouterr().out)
-        assert (found["verdict"], found["figures"], found["failed"]) == ("It holds.", {"largest": largest}, 0)
+        assert (found["verdict"], found["failed"]) == ("holds", 0)
+        assert found["findings"][0]["quantities"]["largest"]["value"] == largest
     assert main(["study", "squares", "--out", str(tmp_path), "--so-far"]) == 0
     said = capsys.readouterr().out
-    assert "It holds." in said and "Squares grow." in said and str(tmp_path / "report.html") in said
+    assert "Do squares grow?" in said and "Up to 9." in said and str(tmp_path / "report.html") in said
     monkeypatch.undo()
     assert main(["study", "no-such", "--out", str(tmp_path)]) == 2
     assert "no-such" in capsys.readouterr().err

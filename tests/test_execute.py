@@ -123,7 +123,7 @@ def test_how_a_scene_is_measured_gives_it_no_folder_of_its_own() -> None:
 
 
 def test_rewording_a_page_throws_no_case_away() -> None:
-    used = sources(("testfield.study.stitching.experiment",), ("testfield.report", "testfield.certify"))
+    used = sources(("testfield_studies.stitching.experiment",), ("testfield.report", "testfield.certify"))
     assert not {"report", "certify"} & {path.parent.name for path in used}
     assert {"render", "detect", "calibrate"} <= {path.parent.name for path in used}
 

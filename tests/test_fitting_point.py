@@ -1,6 +1,5 @@
 """The fitted point: check values of METHODS section 3, its claims by Monte Carlo, and what it cannot see."""
 
-import re
 from pathlib import Path
 
 import numpy as np
@@ -9,15 +8,17 @@ import pytest
 
 from testfield.errors import TestfieldError
 from testfield.reconstruct.points import Points
-from testfield.report.study import as_html, drawn
+from testfield.report.study import as_html, drawn, write_page
 from testfield.scene.build import build_world
 from testfield.scene.load import load_scene
-from testfield.study.fitting_point.experiment import ALL, LAYOUTS, VERTEX, cases, fits, true_positions
-from testfield.study.fitting_point.page import read
-from testfield.study.fitting_point.renders import alike_table, mean_bias, render_table
-from testfield.study.fitting_point.tables import block_table
-from testfield.uncertainty.consistency import hit_band
+from testfield.statistics.consistency import hit_band
+from testfield.study.finding import Outcome
+from testfield.study.study import Extent, run_study
 from testfield.uncertainty.fitting_point import FittedPoint, fit_point, without_correlation
+from testfield_studies.fitting_point.experiment import ALL, LAYOUTS, VERTEX, cases, fits, true_positions
+from testfield_studies.fitting_point.page import STUDY, read
+from testfield_studies.fitting_point.renders import alike_table, mean_bias, render_table
+from testfield_studies.fitting_point.tables import block_table
 
 SCENES = Path(__file__).parents[1] / "scenes"
 ICOSAHEDRON = np.array(
@@ -203,18 +204,28 @@ def table() -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def test_a_study_of_drawn_trials_accepts_true_claims_and_refuses_bold_ones(table: pd.DataFrame) -> None:
+HOLDS, FAILS, OPEN = Outcome.HOLDS, Outcome.FAILS, Outcome.OPEN
+LIMITS = ("limit_symmetric", "limit_one_sided")
+
+
+def _outcomes(table: pd.DataFrame, *names: str) -> list[Outcome]:
+    results = read(table)
+    return [results[name].outcome for name in names]
+
+
+def test_a_study_of_drawn_trials_accepts_true_claims_and_refuses_bold_ones(table: pd.DataFrame, tmp_path: Path) -> None:
     found = read(table)
-    assert found.figures["accepted"] and "limits hold" in found.verdict and "given their 3 renders" in found.verdict
-    assert found.figures["scale_flagged_one_sided"] == 1 and found.figures["scale_flagged_symmetric"] < 0.3
+    assert STUDY.verdict(found) == HOLDS and found["blind"].outcome == HOLDS
+    scale = found["blind"].quantities
+    assert scale["flagged_one_sided"].value == 1 and scale["flagged_symmetric"].value < 0.3
     assert len(block_table(table[table["bar"] == "right"])) == 2 * 3
     bold = table.assign(bias_chi2=table["bias_chi2"] * 2.0)
-    assert not read(bold).figures["accepted"] and "do not hold" in read(bold).verdict
-    for layout in LAYOUTS:  # bias and dispersion, and beside them what METHODS 3.3 asks for
-        f = {name: found.figures[f"{name}_{layout}"] for name in ("dispersion_um", "bias_um", "s_sys_um")}
-        assert 0 < f["dispersion_um"] < f["s_sys_um"] < 20 and f["bias_um"] > 0
-        assert abs(found.figures[f"mean_residual_ppm_{layout}"]) < 10
-    assert any("Mean relative residual" in sentence for sentence in found.sentences)
+    assert STUDY.verdict(read(bold)) == FAILS and _outcomes(bold, *LIMITS) == [FAILS, FAILS]
+    for layout in ("symmetric", "one_sided"):  # bias and dispersion, and beside them what METHODS 3.3 asks for
+        q = {name: quantity.value for name, quantity in found[f"unseen_{layout}"].quantities.items()}
+        assert 0 < q["dispersion"] < q["s_sys"] < 20 and q["bias"] > 0 and abs(q["mean_residual"]) < 10
+    write_page(STUDY, found, Extent(cases=6, done=6, failures=[], quick=True), tmp_path)
+    assert "the limits hold in both layouts" in (tmp_path / "report.html").read_text()
 
 
 SO_FAR = {
@@ -237,82 +248,73 @@ SO_FAR = {
 def test_of_what_is_not_measured_yet_nothing_is_said(table: pd.DataFrame, rows: str) -> None:
     so_far = SO_FAR[rows](table)
     found = read(so_far)
-    said = " ".join([found.verdict, *found.sentences])
-    assert not re.search(r"\b(nan|inf|None|0 of 0)\b", said)
-    right = set(so_far["layout"][so_far["bar"] == "right"]) if "layout" in so_far else set()
-    if right != set(LAYOUTS):
-        assert not found.figures["accepted"] and "limits hold" not in found.verdict
+    assert "nan" not in " ".join(STUDY.concluded(found))
+    own = so_far[(so_far["bar"] == "right") & (so_far["way"] == "covariance")] if "way" in so_far else so_far[:0]
+    there = set(own["layout"]) if len(own) else set()
     for layout in LAYOUTS:
-        assert (f"{layout}: the mean bias" in said) == (layout in right and so_far["seed"].nunique() > 1
-                                                        and "covariance" in set(so_far["way"]))  # fmt: skip
+        key = layout.replace("-", "_")
+        assert (found[f"limit_{key}"].outcome == OPEN) == (layout not in there)
+        assert found[f"common_bias_{key}"].measured == (layout in there and own["seed"].nunique() > 1)
     for drawing in found.plots:
         drawn(drawing)
     assert all("nan" not in as_html(shown) for shown in found.tables)
 
 
-def test_words_follow_the_counts(table: pd.DataFrame) -> None:
-    """Each claim of the verdict, with the figures that carry it, contradict it, and leave it open."""
+def test_findings_follow_the_counts(table: pd.DataFrame) -> None:
+    """What carries a finding, contradicts it, and leaves it open."""
     wrong, right = (table["bar"] == bar for bar in ("wrong", "right"))
     own = right & (table["way"] == "covariance")
     first = own & (table["seed"] == 88)
 
-    def verdict(where: pd.Series, chi2: "np.ndarray | float", base: pd.DataFrame = table) -> str:
-        return read(base.assign(bias_chi2=base["bias_chi2"].where(~where, chi2))).verdict
+    def with_chi2(where: pd.Series, chi2: "np.ndarray | float", base: pd.DataFrame = table) -> pd.DataFrame:
+        return base.assign(bias_chi2=base["bias_chi2"].where(~where, chi2))
 
-    within = table.assign(bias_chi2=table["bias_chi2"].where(~own, 1.0))
-    for beyond, words in ((1, "cannot tell a 95 % limit from a 99 % one"), (4, "cannot tell"), (5, "99 % one up to 4"),
-                          (10, "99 % one up to 4"), (60, "where a 95 % limit gives up to 10")):  # fmt: skip
-        said = verdict(first & (table["trial"] < beyond), 50.0, within)
-        assert f"{beyond} of 88 (symmetric)" in said and words in said
-        assert ("cannot tell" in said) == (beyond <= 4)
+    within = with_chi2(own, 1.0)
+    for beyond, outcome in ((1, OPEN), (4, OPEN), (5, HOLDS), (10, HOLDS), (60, FAILS)):
+        found = read(with_chi2(first & (table["trial"] < beyond), 50.0, within))["count"]
+        assert found.outcome == outcome and found.quantities["most_beyond"].value == beyond
 
     mirrored = wrong & (table["layout"] == "symmetric") & (table["way"] == "equal")
     one_sided = wrong & (table["layout"] == "one-sided") & (table["way"] == "equal")
-    assert "are blind to scale" in verdict(mirrored, 1.0)
-    assert "do see scale" in verdict(mirrored & (table["trial"] < 16), 50.0)  # 80 % flagged
-    unseen = table.assign(bias_chi2=table["bias_chi2"].where(~(mirrored | one_sided), 1.0))
-    assert "too seldom" in read(unseen).verdict
-    said = " ".join(read(unseen).sentences)
-    assert "publish both" not in said and "publish both" in " ".join(read(table).sentences)
+    assert _outcomes(with_chi2(mirrored, 1.0), "blind") == [HOLDS]
+    assert _outcomes(with_chi2(mirrored & (table["trial"] < 16), 50.0), "blind") == [FAILS]  # 80 % flagged
+    assert _outcomes(with_chi2(mirrored | one_sided, 1.0), "blind") == [OPEN]
 
 
-def test_correlations_and_dispersion_are_said_as_they_are_found(table: pd.DataFrame) -> None:
-    def said(**columns: pd.Series) -> str:
-        return " ".join(read(table.assign(**columns)).sentences)
-
+def test_correlations_and_dispersion_are_found_as_they_are(table: pd.DataFrame) -> None:
+    names = ("ignored_symmetric", "cancels_symmetric", "unseen_symmetric")
+    assert _outcomes(table, *names) == [HOLDS, HOLDS, HOLDS]
     alone = table["way"] == "alone"
-    assert "make the fitted point worse than that claim, and cancel in the bias" in said()
-    other = said(
-        point_chi2=table["point_chi2"].where(~alone, 1.0),
+    other = table.assign(
+        point_chi2=table["point_chi2"].where(~alone, 1.0 + 0.01 * table["trial"] / 88),
         bias_chi2=table["bias_chi2"].where(~alone, 9.0 + table["trial"]),
     )
-    assert "leave the fitted point better than that claim, and make the bias larger" in other
-    assert "worse than that claim" not in other
-    assert "residuals do not see what all points share" in said()
+    assert _outcomes(other, *names) == [FAILS, FAILS, HOLDS]
     wide = {f"dispersion_{axis}_mm": 100 * table[f"dispersion_{axis}_mm"] for axis in "xyz"}
-    assert "residuals tell more than there is" in said(**wide)
+    assert _outcomes(table.assign(**wide), *names) == [HOLDS, HOLDS, FAILS]
 
 
 def test_renders_that_differ_are_told_and_a_common_bias_is_only_claimed_where_it_is(table: pd.DataFrame) -> None:
     right = table[table["bar"] == "right"]
+    names = ("alike_symmetric", "alike_one_sided")
     assert (alike_table(right)["p"] > 1e-3).all() and len(alike_table(right)) == 4
-    assert "differ by more than chance" not in " ".join(read(table).sentences)
+    assert _outcomes(table, *names) == [HOLDS, HOLDS]
     by_render = render_table(right)
     assert by_render["trials"].tolist() == [88] * 6
-    assert (by_render["within"].sum()) == sum(read(table).figures[f"within_{layout}_covariance"] for layout in LAYOUTS)
+    assert by_render["within"].sum() == sum(read(table)[name].quantities["within_limit"].value for name in LIMITS)
 
     # Each render has a bias of its own: they differ, and what they have in common does not differ from zero.
     own = table["seed"].map({88: -0.02, 89: 0.0, 90: 0.02})
     moved = table.assign(bias_x_mm=table["bias_x_mm"] + own)
     p = alike_table(moved[moved["bar"] == "right"]).set_index(["layout", "what"])["p"]
     assert (p[:, "mean bias"] < 1e-6).all() and (p[:, "share of hits"] > 1e-3).all()
-    said = " ".join(read(moved).sentences)
-    assert "by their mean bias the 3 renders differ by more than chance" in said
+    assert _outcomes(moved, *names, "common_bias_symmetric") == [FAILS, FAILS, OPEN]
     # The same bias in all: they are alike, and it is the same in every exposure.
     common = table.assign(bias_x_mm=table["bias_x_mm"] + 0.2)
+    found = read(common)["common_bias_symmetric"]
+    assert found.outcome == HOLDS and found.quantities["x"].value == pytest.approx(200, abs=5)
     mean = mean_bias(common[common["bar"] == "right"], "symmetric")
-    assert mean is not None and mean.differs[0] and mean.mean_um[0] == pytest.approx(200, abs=5) and mean.renders == 3
-    assert "Along x it differs from zero: that is the same in every exposure" in " ".join(read(common).sentences)
+    assert mean is not None and mean.differs[0] and mean.renders == 3
     spread = mean_bias(moved[moved["bar"] == "right"], "symmetric")
     assert spread is not None and not spread.differs[0]
 
@@ -346,8 +348,5 @@ def test_the_full_study_has_a_thousand_trials_and_the_quick_one_few() -> None:
 
 @pytest.mark.slow
 def test_the_quick_study_renders_and_finds_the_blind_layout(tmp_path: Path) -> None:
-    from testfield.study.fitting_point.page import STUDY
-    from testfield.study.study import run_study
-
-    found = run_study(STUDY, tmp_path, True, 2)
-    assert found.figures["scale_flagged_one_sided"] == 1 and found.figures["scale_flagged_symmetric"] < 0.5
+    found = run_study(STUDY, tmp_path, True, 2)["blind"].quantities
+    assert found["flagged_one_sided"].value == 1 and found["flagged_symmetric"].value < 0.5

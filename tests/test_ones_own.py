@@ -20,8 +20,8 @@ from testfield.errors import TestfieldError
 from testfield.measure.pipeline import measure
 from testfield.measure.recipe import Algorithm, Recipe
 from testfield.scene.build import build_world
+from testfield.scene.camera_parts import CameraPart
 from testfield.scene.load import load_scene
-from testfield.scene.schema import CameraPart
 from testfield.scene.truth import see
 from testfield.scene.world import World
 from testfield.simulate.board_image import draw_board, facing

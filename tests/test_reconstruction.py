@@ -21,8 +21,8 @@ from testfield.reconstruct.sights import Sights, rays_of, sights_of
 from testfield.registry import find
 from testfield.scene.frames import camera_looking
 from testfield.seeds import generator
-from testfield.study.wls.experiment import law, normal_claim
 from testfield.targets.field import Field
+from testfield_studies.wls.experiment import law, normal_claim
 
 HAS_COLMAP = importlib.util.find_spec("pycolmap") is not None
 METHODS = (

@@ -12,7 +12,7 @@ from testfield.chain.stages import run_stage
 from testfield.detect import centre_ring
 from testfield.detect.detect import detect
 from testfield.scene.exposure import sensor_of
-from testfield.study.wls.field import AMBIENT_W_M2_SR
+from testfield_studies.wls.field import AMBIENT_W_M2_SR
 
 PITCH_MM, STEP_MM = 134.4, 25.0
 FINE = 16

@@ -5,7 +5,7 @@ import pytest
 
 from testfield.calibrate.homography import focal_length, plane_homography, plane_pose
 from testfield.camera.pose import Poses, rotation
-from testfield.study.stitching.scenes import sub_board_marks_mm
+from testfield_studies.stitching.scenes import sub_board_marks_mm
 
 MATRIX = np.array([[1780.0, 0, 799.5], [0, 1780.0, 599.5], [0, 0, 1]])
 MIDDLE = MATRIX[:2, 2]

@@ -1,7 +1,6 @@
 """The study of grey methods: its design, its rankings and what it says of them."""
 
 import json
-import re
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
@@ -22,17 +21,21 @@ from testfield.scene.truth import see
 from testfield.score.scorecard import plain
 from testfield.seeds import generator
 from testfield.study.cases import changed
-from testfield.study.grey import page as grey_page
-from testfield.study.grey import page_relations as grey_page_relations
-from testfield.study.grey import page_samples as grey_page_samples
-from testfield.study.grey import plan as grey
-from testfield.study.grey import rankings as grey_rankings
-from testfield.study.grey import runs as grey_runs
-from testfield.study.grey import samples as grey_samples
-from testfield.study.grey.factors import DUMMY, FACTORS, NAMES, WORKSHOP, levels_of, scene_of
+from testfield.study.finding import Outcome
 from testfield.study.run_cases import do_case
-from testfield.study.study import Findings, run_study
+from testfield.study.study import Extent, Results, run_study
+from testfield_studies.grey import design as grey_design
+from testfield_studies.grey import page as grey_page
+from testfield_studies.grey import plan as grey
+from testfield_studies.grey import rankings as grey_rankings
+from testfield_studies.grey import runs as grey_runs
+from testfield_studies.grey import samples as grey_samples
+from testfield_studies.grey import small_samples as grey_small_samples
+from testfield_studies.grey.factors import DUMMY, FACTORS, NAMES, WORKSHOP, levels_of, scene_of
+from testfield_studies.grey.sweeps import sweep_table
+from testfield_studies.truth import exact_calibration
 
+HOLDS, FAILS, OPEN = Outcome.HOLDS, Outcome.FAILS, Outcome.OPEN
 EFFECT = np.array([0.2, 0.0, 0.0, 0.0, 0.3, 0.0, 0.0, 0.8, 0.4, 0.0, 1.2, 0.0])
 
 
@@ -110,7 +113,7 @@ def test_the_workshop_of_a_run_is_drawn_around_the_truth():
     unit = np.full(len(FACTORS), 0.5)
     unit[NAMES.index("bow of the board, um")] = 0  # the sheet knows nothing of it
     world = build_world(parse_scene(tomli_w.dumps(scene_of(levels_of(unit))), "grey"))
-    true, views = grey_runs.true_calibration(world), see(world)
+    true, views = exact_calibration(world), see(world)
     marks, sheet = world.marks, grey_runs.sheet_of(world.field, WORKSHOP)
     local = np.column_stack([sheet.boards[0].marks.xy_mm, np.zeros(len(sheet.boards[0].marks))])
     on_board = np.flatnonzero(marks.board == 0)
@@ -212,12 +215,12 @@ def test_a_dummy_above_acting_factors_is_counted():
 
 def test_a_sweeps_slope_is_what_was_put_in_within_its_uncertainty():
     rows = _rows(1, 0.2, 5, 4)
-    table = grey_rankings.sweep_table(rows[rows["set"] == "sweep"]).set_index("factor")
+    table = sweep_table(rows[rows["set"] == "sweep"]).set_index("factor")
     assert np.allclose(table["u"], 0.2 / np.sqrt(4 * 0.625), rtol=0.6)
     assert (np.abs(table["change of ln RMSE"] - EFFECT) < 4 * table["u"]).all()
     assert ((table["change of ln RMSE"] - EFFECT) ** 2 / table["u"] ** 2).mean() < 2.5
     exact = _rows(1, 0.0, 5, 4)
-    exact = grey_rankings.sweep_table(exact[exact["set"] == "sweep"])
+    exact = sweep_table(exact[exact["set"] == "sweep"])
     assert np.allclose(exact["change of ln RMSE"], EFFECT, atol=1e-12) and np.allclose(exact["u"], 0, atol=1e-12)
 
 
@@ -252,54 +255,55 @@ def test_normal_errors_are_described_as_normal_whatever_their_number():
     rng = generator(6, "population")
     for m in (5, 60):
         errors = 0.02 * rng.normal(size=(m, 400)) + 0.01 * rng.normal(size=400)
-        skewness, excess, _ = grey_page_samples.shape(grey_page_samples.populations(errors)[grey_page_samples.DOT])
+        skewness, excess, _ = grey_small_samples.shape(grey_small_samples.populations(errors)[grey_small_samples.DOT])
         assert abs(skewness) < 0.15 and abs(excess) < 0.4
-        assert grey_page_samples._scatter_and_bias(errors) == pytest.approx((0.02, 0.01), rel=0.15)
-        assert grey_page_samples._scatter_and_bias(errors - errors.mean(axis=0))[1] == 0
+        assert grey_small_samples._scatter_and_bias(errors) == pytest.approx((0.02, 0.01), rel=0.15)
+        assert grey_small_samples._scatter_and_bias(errors - errors.mean(axis=0))[1] == 0
 
 
 def test_errors_are_called_unlike_normal_ones_only_where_they_are(short):
     rng = generator(7, "population")
-    judged = {name: _sentences_of(errors) for name, errors in {
-        "normal": 0.02 * rng.normal(size=(12, 60)),
-        "Laplace": 0.02 * rng.laplace(size=(12, 60)),
-        "uniform": 0.02 * rng.uniform(-1, 1, size=(12, 60)),
-        "biased": 0.02 * rng.normal(size=(12, 60)) + 0.03 * (-1.0) ** np.arange(60),
-    }.items()}  # fmt: skip
-    assert "cannot be told from them" in judged["normal"] and "cannot be told from nothing" in judged["normal"]
-    assert "heavier tails" in judged["Laplace"] and "lighter tails" in judged["uniform"]
-    assert "cannot be told from them" in judged["biased"]
-    assert re.search(r"A dot's own bias is 1\.[3-6]", judged["biased"])
+    tails, bias = "tails_dot_forward_model", "bias_forward_model"
+    for errors, outcomes in (
+        (0.02 * rng.normal(size=(12, 60)), (HOLDS, OPEN)),
+        (0.02 * rng.laplace(size=(12, 60)), (FAILS, OPEN)),
+        (0.02 * rng.uniform(-1, 1, size=(12, 60)), (FAILS, OPEN)),
+        (0.02 * rng.normal(size=(12, 60)) + 0.03 * (-1.0) ** np.arange(60), (HOLDS, HOLDS)),
+    ):
+        found = _read_exposures(errors)
+        assert (found[tails].outcome, found[bias].outcome) == outcomes
+    assert found[bias].quantities["bias_over_scatter"].value == pytest.approx(1.5, abs=0.2)
 
 
-def _sentences_of(errors: np.ndarray) -> str:
+def _read_exposures(errors: np.ndarray) -> Results:
     half = errors.shape[1] // 2
     rows = [
         {"part": "exposures", "centroid": "forward_model", "exposure": e, "station": 0, "mark": m,
          "error_x_px": errors[e, m], "error_y_px": errors[e, half + m]}
         for e in range(len(errors)) for m in range(half)
     ]  # fmt: skip
-    (sentence,) = [words for words in grey_page_samples.read_samples(pd.DataFrame(rows)).sentences
-                   if "one dot, many images" in words]  # fmt: skip
-    return sentence
+    return grey_page.read(pd.DataFrame(rows))
 
 
-def _read(rows: pd.DataFrame) -> Findings:
+def _read(rows: pd.DataFrame) -> Results:
     return grey_page.read(pd.concat([_samples(), rows], ignore_index=True))
 
 
-def _sound(findings: Findings) -> None:
+def _sound(results: Results) -> None:
     """Words without holes, and figures that JSON knows."""
-    for words in (findings.verdict, *findings.sentences):
-        assert words and not re.search(r"\b(nan|inf|None)\b", words), words
-    json.dumps(plain(findings.figures), allow_nan=False)
+    assert "nan" not in " ".join(grey_page.STUDY.concluded(results))
+    json.dumps(plain([finding.row() for finding in results.findings]), allow_nan=False)
+
+
+def _write(results: Results, folder: Path) -> None:
+    write_page(grey_page.STUDY, results, Extent(cases=9, done=1, failures=[], quick=True), folder)
 
 
 @pytest.fixture()
 def short(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    monkeypatch.setattr(grey_page_relations, "BOOTSTRAPS", 20)
-    monkeypatch.setattr(grey_page_relations, "ORDERS", 5)
-    monkeypatch.setattr(grey_page_samples, "ALIKE", 40)
+    monkeypatch.setattr(grey_design, "BOOTSTRAPS", 20)
+    monkeypatch.setattr(grey_design, "ORDERS", 5)
+    monkeypatch.setattr(grey_small_samples, "ALIKE", 40)
     monkeypatch.setattr(grey_samples, "PIVOTS", 2000)
     grey_samples.pivots.cache_clear()
     yield
@@ -310,36 +314,56 @@ def test_the_page_says_what_the_runs_say_and_counts_what_is_lost(short, tmp_path
     rows = _rows(16, 0.05)
     hit = rows.index[rows["run"] == "design 20"]
     rows.loc[hit, "rmse_mm"], rows.loc[hit, "lost"] = np.nan, "no image shows the board"
-    findings = _read(rows)
-    _sound(findings)
-    relations = findings.figures["grey relational analysis"]
-    assert relations["runs"] == 16 * 14 and relations["lost runs"] == 1
-    assert "1 could not be measured, 14 were left out with their base rows" in " ".join(findings.sentences)
-    assert "bow of the board, um" in relations["acting factors"] and DUMMY not in relations["acting factors"]
-    assert relations["Deng's lowest degree"] > 1 / 3
-    write_page(grey_page.STUDY, findings, [], tmp_path, True)
+    found = _read(rows)
+    _sound(found)
+    runs = {name: quantity.value for name, quantity in found["acting"].quantities.items()}
+    assert (runs["runs"], runs["lost"], runs["left_out"]) == (16 * 14, 1, 14)
+    assert found["acting"].outcome == HOLDS and runs["acting"] >= 3
+    assert found["floor"].quantities["least"].value > 1 / 3
+    assert grey_page.STUDY.verdict(found) == FAILS
+    _write(found, tmp_path)
     for name in ("bias", "scatter", "shares", "ranks", "agreement", "sweeps"):
         assert (tmp_path / f"{name}.svg").stat().st_size > 5000 and (tmp_path / f"{name}.csv").is_file()
 
 
+def test_normal_samples_and_laws_give_the_outcomes_that_theory_has(short):
+    found = _read(_rows(1, 0.05))
+    outcomes = {name: found[name].outcome for name in ("scatter", "interval", "optimism", "unbiased", "laws")}
+    assert outcomes == {"scatter": OPEN, "interval": FAILS, "optimism": HOLDS, "unbiased": HOLDS, "laws": FAILS}
+    samples = _samples()
+    turned = samples.replace({"estimator": {"Bessel": "grey, largest gap", "grey, largest gap": "Bessel"}})
+    turned = grey_page.read(turned[turned["part"] == "law"])
+    assert (turned["optimism"].outcome, turned["laws"].outcome) == (FAILS, HOLDS)
+    covered = samples.assign(mean_covered_2=0.95, u_mean_covered_2=0.001)
+    assert grey_page.read(covered[covered["part"] == "law"])["interval"].outcome == HOLDS
+
+
+def test_a_degree_that_keeps_nothing_below_what_acts_is_not_called_misleading(short, monkeypatch: pytest.MonkeyPatch):
+    usual = _read(_rows(16, 0.05))
+    assert usual["nothing_above"].outcome == FAILS and usual["orders"].outcome == FAILS
+    monkeypatch.setattr(grey_design, "bootstrap", lambda runs, count: dict.fromkeys(
+        grey_rankings.METHODS, np.tile(EFFECT - 1e-9 * np.arange(12), (count, 1))))  # fmt: skip
+    assert _read(_rows(16, 0.05))["nothing_above"].outcome == HOLDS
+
+
 def test_a_design_of_few_base_rows_judges_nothing(short, tmp_path: Path):
-    findings = _read(_rows(4, 0.05))
-    _sound(findings)
-    assert "This design cannot judge grey relational analysis, for 4 base rows are too few" in findings.verdict
-    assert "4 base rows, which of so few is no 95 % interval" in " ".join(t.note for t in findings.tables)
-    assert findings.figures["grey relational analysis"]["acting factors"] == []
-    write_page(grey_page.STUDY, findings, [], tmp_path, True)
+    found = _read(_rows(4, 0.05))
+    _sound(found)
+    assert found["nothing_above"].outcome == found["ranking"].outcome == found["acting"].outcome == OPEN
+    assert "4 base rows, which of so few is no 95 % interval" in " ".join(t.note for t in found.tables)
+    assert found["acting"].quantities["acting"].value == 0
+    _write(found, tmp_path)
 
 
-def test_a_design_of_which_nothing_was_measured_is_said_to_be_so(short):
+def test_a_design_of_which_nothing_was_measured_is_open(short):
     rows = _rows(4, 0.05)
     rows["rmse_mm"], rows["lost"] = np.nan, "no image shows the board"
-    findings = _read(rows)
-    _sound(findings)
-    assert "No base row of the design is whole (no image shows the board)" in findings.verdict
-    assert "72 of its runs could not be measured" in findings.sentences[-1]
+    found = _read(rows)
+    _sound(found)
+    assert not found["acting"].measured and not found["slopes"].measured
 
 
+SWEEP_WITH_A_HOLE = "all but one run of a sweep"
 SO_FAR = {
     "none": lambda rows: rows["part"] == "",
     "one law, not the normal one": lambda rows: rows["law"] == "Laplace",
@@ -355,7 +379,7 @@ SO_FAR = {
     "two base rows": lambda rows: (rows["set"] == "design") & (rows["base"] < 2),
     "the design and half a sweep": lambda rows: (rows["set"] == "design") | (rows["block"] == NAMES[0]),
     "the sweeps": lambda rows: rows["set"] == "sweep",
-    "all but one run of a sweep": lambda rows: rows["run"] != f"sweep {DUMMY} 1 0",
+    SWEEP_WITH_A_HOLE: lambda rows: rows["run"] != f"sweep {DUMMY} 1 0",
 }
 
 
@@ -365,14 +389,13 @@ def test_a_study_that_is_not_finished_says_what_there_is_and_no_more(name, short
     rows = rows[SO_FAR[name](rows)].dropna(axis=1, how="all").reset_index(drop=True)
     if name == "none":
         rows = pd.DataFrame(columns=["part", "law", "centroid", "first exposure", "picture"])  # all cases failed
-    findings = grey_page.read(rows)
-    _sound(findings)
-    write_page(grey_page.STUDY, findings, [], tmp_path, True, "1 of 9")
-    parts = set(rows["part"])
-    assert ("Of the grey uncertainty nothing" in findings.verdict) == (not parts & {"law", "exposures"})
-    assert ("Of grey relational analysis nothing" in findings.verdict) == ("runs" not in parts)
-    has_slopes = any("so much is noise" in words for words in findings.sentences)
-    assert has_slopes == (name in ("no laws", "runs", "the sweeps"))
+    found = grey_page.read(rows)
+    _sound(found)
+    _write(found, tmp_path)
+    assert found["interval"].measured == ("normal" in set(rows.get("law", ())))
+    assert found["laws"].measured == (len(set(rows.get("law", ())) & set(grey_samples.LAWS)) > 1)
+    assert found["acting"].measured == (name in ("no laws", "runs", "the design and half a sweep", SWEEP_WITH_A_HOLE))
+    assert found["slopes"].measured == (name in ("no laws", "runs", "the sweeps"))
 
 
 @pytest.mark.slow
@@ -382,7 +405,7 @@ def test_the_quick_study_runs_from_end_to_end(tmp_path: Path):
     table = pd.read_parquet(tmp_path / "results.parquet")
     assert set(table["part"]) == {"law", "exposures", "runs"} and "failure" not in table
     assert (table.loc[table["part"] == "runs", "lost"] == "").all()
-    assert "This design cannot judge grey relational analysis" in findings.verdict
+    assert findings["nothing_above"].outcome == OPEN
     assert (tmp_path / "report.html").stat().st_size > 100_000
     assert json.loads((tmp_path / "findings.json").read_text())["failed"] == 0
 
@@ -404,6 +427,6 @@ def test_a_rendered_run_gives_its_error_and_a_hopeless_one_its_reason(tmp_path: 
     def blind(*_: object) -> None:
         raise TestfieldError("no image shows the board", "observations.parquet")
 
-    monkeypatch.setattr("testfield.study.grey.runs.reexposed", blind)
+    monkeypatch.setattr("testfield_studies.grey.runs.reexposed", blind)
     bad = do_case(replace(case, options=case.options | {"runs": case.options["runs"][:1]}), tmp_path)[0]
     assert np.isnan(bad["rmse_mm"]) and "no image shows the board" in bad["lost"]

@@ -18,12 +18,12 @@ from testfield.scene.schema import SceneFile
 from testfield.scene.truth import see
 from testfield.scene.world import World
 from testfield.score.camera import true_in_datum
+from testfield.score.chain_growth import chain_errors, grown, link_of_marks
 from testfield.study.cases import Case, changed
 from testfield.study.run_cases import case_key, run_cases
-from testfield.study.stitching import experiment as stitching
-from testfield.study.stitching import plan as stitching_plan
-from testfield.study.stitching import scenes as stitching_scenes
-from testfield.study.stitching.chain_growth import chain_errors, grown, link_of_marks
+from testfield_studies.stitching import experiment as stitching
+from testfield_studies.stitching import plan as stitching_plan
+from testfield_studies.stitching import scenes as stitching_scenes
 
 
 def _scene(table: stitching_scenes.Table) -> SceneFile:
@@ -212,7 +212,7 @@ def test_a_rendered_board_goes_through_the_same_cases_as_drawn_ones(tmp_path: Pa
     table["measure"] = {"hold": ["k3"]}
     options = {"methods": ["stitched"]}
     rows = run_cases(
-        [Case({"boards": 1}, "testfield.study.stitching.experiment:measure_field", table, options)], tmp_path
+        [Case({"boards": 1}, "testfield_studies.stitching.experiment:measure_field", table, options)], tmp_path
     )
     assert rows["observations"][0] > 100 and rows["sigma0"][0] < 1.3 and "check_points" not in rows
 

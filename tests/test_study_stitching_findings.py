@@ -1,19 +1,24 @@
-"""The words of the study on stitched boards follow from its rows, and change where these are contrary."""
+"""The findings of the study on stitched boards follow from its rows, and turn where these are contrary."""
 
-import re
+import json
 from functools import lru_cache
+from html import unescape
 from itertools import product
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from testfield.report.study import drawn
-from testfield.study.stitching.experiment import NO_BAR
-from testfield.study.stitching.page import read
-from testfield.study.study import Findings
+from testfield.report.study import drawn, write_page
+from testfield.score.scorecard import plain
+from testfield.study.finding import Outcome
+from testfield.study.study import Extent, Results, summary
+from testfield_studies.stitching.experiment import NO_BAR
+from testfield_studies.stitching.page import STUDY
 
+HOLDS, FAILS, OPEN = Outcome.HOLDS, Outcome.FAILS, Outcome.OPEN
 FIELDS = {
     ("planned", 1, "stitched"): 0.9, ("planned", 3, "stitched"): 0.1, ("planned", 6, "stitched"): 0.015,
     ("planned", 12, "stitched"): 0.01, ("planned", 12, "stitched_given"): 0.008, ("planned", 1, "zhang"): 2e4,
@@ -113,17 +118,13 @@ def _table(**parts: Frame) -> Frame:
     return pd.concat([parts.get(name, make()) for name, make in PARTS.items()], ignore_index=True)
 
 
-def _read(**parts: Frame) -> Findings:
-    return read(_table(**parts))
+def _read(**parts: Frame) -> Results:
+    return STUDY.read(_table(**parts))
 
 
 @lru_cache
-def _usual() -> Findings:
+def _usual() -> Results:
     return _read()
-
-
-def _words(findings: Findings) -> str:
-    return " ".join([findings.verdict, *findings.sentences])
 
 
 def _changed(**fields: float) -> Frame:
@@ -135,131 +136,110 @@ def _changed(**fields: float) -> Frame:
     return _count_rows(FIELDS | {keys[name]: value for name, value in fields.items()})
 
 
-SAID = (
-    "How many: at the worst corner", "Check points in the volume, one board and 12", "How placed, three boards",
-    "Three boards flat on one wall", "With 12: planned", "How much coverage", "As long as the stations converge",
-    "Flatness of the mother board, 3 boards", "Flatness of the mother board, 12 boards",
-    "Against an ideal full-size board", "The full-size board with the marks of 12", "Against one sub-board alone",
-    "Against one sub-board shown all over", "Against ChArUco of the area of 3 boards", "The same with the bar",
-    "A small ChArUco shown all over", "What stitching costs", "After a fit of six parameters the mother board",
-    "Growth by image noise alone", "That links are not independent", "Four wide views bring the errors",
-    "Growth with print errors of 0.01 mm", "Print errors make no random walk", "With print errors four wide views",
-    "A link's turn in the plane", "After a fit of six parameters 1", "What the bundle claims along the chain",
-    "On rendered images that NEES", "Six flat boards give", "Six boards bent by 1 mm", "A full-size board of the same",
-    "Six boards with scale errors",
-)  # fmt: skip
+def _value(results: Results, finding: str, quantity: str) -> float:
+    return results[finding].quantities[quantity].value
 
 
-def test_every_question_is_answered_and_nothing_is_left_unknown() -> None:
-    findings = _usual()
-    unsaid = [start for start in SAID if not any(sentence.startswith(start) for sentence in findings.sentences)]
-    # Leaning and flat boards are told apart here, so the sentence on a board's own lean begins otherwise.
-    assert unsaid == ["As long as the stations converge"]
-    assert len(findings.sentences) == len(SAID)
-    assert not re.search(r"\b(nan|inf|None)\b", _words(findings))
-    for clause in ("Holds as a method; not to the letter", "12 stitched boards know the lens", "2.0 times the error of",
-                   "On rendered images: 12 stitched boards", "Stitching's error is estimated", "grows along a chain",
-                   "Four wide views divide what image noise adds by 1.5 [1.5, 1.5]",
-                   "For the lens alone stitching is not needed"):  # fmt: skip
-        assert clause in findings.verdict
-    assert [plot.name for plot in findings.plots if b"<svg" not in drawn(plot)] == [] and len(findings.plots) == 4
+def test_usual_rows_give_the_outcomes_that_were_put_in() -> None:
+    found = {finding.name: finding.outcome for finding in _usual().findings}
+    assert STUDY.verdict(_usual()) == FAILS  # for stitching has an error
+    assert {name for name, outcome in found.items() if outcome == FAILS} == {
+        "letter", "as_full", "law_printed_out", "law_printed_up", "random_walk",
+    }  # fmt: skip
+    assert {name for name, outcome in found.items() if outcome == OPEN} == {
+        "as_full_points", "random_three", "random_most", "charuco", "independent", "loops_exact_mother",
+        "loops_printed_mother", "long_law_exact_out", "long_law_printed_up",
+    }  # fmt: skip
 
 
 def test_figures_are_those_of_the_rows() -> None:
-    f = _usual().figures
-    assert f["most_boards"] == 12 and f["charuco_boards"] == 3
-    assert f["planned_corner_px"] == pytest.approx(0.01) and f["rendered_full_corner_px"] == pytest.approx(0.005)
-    assert f["window_middle_corner_px"] == pytest.approx(2.0) and f["window_spread_corner_px"] == pytest.approx(0.03)
-    assert f["cost_ratio"] == pytest.approx(4) and f["loops_exact_out"] == pytest.approx(1.5)
-    # By the rule that made the rows: independent links follow the law, and its interval holds it.
+    r = _usual()
+    assert _value(r, "method", "boards") == 12 and _value(r, "charuco", "boards") == 3
+    assert _value(r, "method", "corner") == pytest.approx(0.01)
+    assert _value(r, "rendered_full", "rendered") == pytest.approx(0.005)
+    assert _value(r, "coverage", "middle") == pytest.approx(2.0)
+    assert _value(r, "coverage", "spread") == pytest.approx(0.03)
+    assert _value(r, "letter", "cost_ratio") == pytest.approx(4)
+    assert _value(r, "loops_exact_out", "divided_by") == pytest.approx(1.5)
+    # By the rule that made the rows: independent links follow the law, print errors that turn back stay below it.
     for axis in ("out", "up"):
-        key = f"chain_exact_close_{axis}"
-        assert f[f"{key}_low_mm"] < f[f"{key}_law_mm"] < f[f"{key}_high_mm"]
-        assert f[f"chain_printed_close_{axis}_law_mm"] > 1.3 * f[f"chain_printed_close_{axis}_high_mm"]
+        exact, printed = (r[f"law_{what}_{axis}"].quantities for what in ("exact", "printed"))
+        assert exact["found"].low < exact["law"].value < exact["found"].high
+        assert printed["law"].value > 1.3 * printed["found"].high
 
 
 CONTRARY = {
-    "close board worse": ({"count": _changed(close_1=0.1)}, "stitching is not needed", "is worse than 12 stitched"),
-    "close board like": ({"count": _changed(close_1=0.01)}, "stitching is not needed", "cannot be told apart from 12"),
-    "as full-size": ({"count": _changed(full_12=0.01)}, "2.0 times the error", "which cannot be told apart from the"),
-    "above full-size": ({"count": _changed(full_12=0.03)}, "2.0 times the error", "less than the error of an ideal"),
-    "corners not good": ({"count": _changed(planned_12=0.3)}, "Holds as a method", "Does not hold as a method"),
-    "corners near": ({"count": _changed(planned_12=0.02)}, "Holds as a method", "Whether it holds as a method"),
-    "costs nothing": ({"count": _count_rows(costs=1.0)}, "not to the letter", "whether to the letter cannot be told"),
-    "helps": ({"count": _count_rows(costs=0.5)}, "not to the letter", "to the letter too"),
-    "flat like leaning": ({"count": _changed(flat_12=0.01)}, "a board's own lean still helps",
-                          "nothing can be told of a board's own lean"),
-    "flat better": ({"count": _changed(flat_12=0.002)}, "a board's own lean still helps", "own lean does harm"),
-    "full-size does not fill": ({"count": _changed(full_3=0.5)}, "the full-size board is better. The",
-                                "three sub-boards are better"),
-    "coverage idle": ({"coverage": _coverage_rows(0.03, 0.03)}, "it is coverage that decides", "cannot be told here"),
-    "coverage harms": ({"coverage": _coverage_rows(0.01, 0.03)}, "it is coverage that decides", "the middle alone is"),
-    "law agrees": ({"chain": _chain_rows(back=0.0)}, "Print errors make no random walk", "Nothing speaks against a"),
-    "few worlds": ({"chain": _chain_rows(worlds=5)}, "Print errors make no random walk", "5 worlds are too few"),
-    "loops idle": ({"chain": _chain_rows(by=1.0)}, "divide what image noise adds by 1.5", "cannot be told from 40"),
-    "loops harm": ({"chain": _chain_rows(by=0.5)}, "divide what image noise adds by 1.5", "adds worse"),
-    "prints idle": ({"chain": _chain_rows(by=1.0)}, "they divide the last board's error", "That they help where print"),
-    "fit idle": ({"chain": _chain_rows(mother_by=2.0)}, "views, no difference that 40 worlds tell (divided by 1.00",
-                 "with four wide views, divided by 2.00"),
-    "full-size bends better": ({"fault": _fault_rows(full=0.1)}, "that is their true advantage", "board errs less"),
-    "bent alike": ({"fault": _fault_rows(full=2.0)}, "that is their true advantage", "err less cannot be told"),
-    "test blind": ({"fault": _fault_rows(passed=True)}, "the global test notices", "the global test hardly notices"),
-    "test of few": ({"fault": _fault_rows(passed=True, worlds=2)}, "; the global test notices",
-                    "whether the global test notices cannot be told"),
-}  # fmt: skip
+    "close board worse": ({"count": _changed(close_1=0.1)}, "close", HOLDS, FAILS),
+    "close board like": ({"count": _changed(close_1=0.01)}, "close", HOLDS, OPEN),
+    "as full-size": ({"count": _changed(full_12=0.01)}, "as_full", FAILS, OPEN),
+    "above full-size": ({"count": _changed(full_12=0.03)}, "as_full", FAILS, HOLDS),
+    "corners not good": ({"count": _changed(planned_12=0.3)}, "method", HOLDS, FAILS),
+    "corners near": ({"count": _changed(planned_12=0.02)}, "method", HOLDS, OPEN),
+    "corners of three worlds": ({"count": _count_rows(worlds=3)}, "method", HOLDS, OPEN),
+    "costs nothing": ({"count": _count_rows(costs=1.0)}, "letter", FAILS, OPEN),
+    "helps": ({"count": _count_rows(costs=0.5)}, "letter", FAILS, HOLDS),
+    "flat like leaning": ({"count": _changed(flat_12=0.01)}, "flat_most", HOLDS, OPEN),
+    "flat better": ({"count": _changed(flat_12=0.002)}, "flat_most", HOLDS, FAILS),
+    "full-size does not fill": ({"count": _changed(full_3=0.5)}, "full_three", HOLDS, FAILS),
+    "one board does": ({"count": _changed(planned_1=0.0001)}, "points", HOLDS, HOLDS),
+    "coverage idle": ({"coverage": _coverage_rows(0.03, 0.03)}, "coverage", HOLDS, OPEN),
+    "coverage harms": ({"coverage": _coverage_rows(0.01, 0.03)}, "coverage", HOLDS, FAILS),
+    "law agrees": ({"chain": _chain_rows(back=0.0)}, "random_walk", FAILS, HOLDS),
+    "law agrees upwards": ({"chain": _chain_rows(back=0.0)}, "law_printed_up", FAILS, HOLDS),
+    "few worlds": ({"chain": _chain_rows(worlds=5)}, "random_walk", FAILS, OPEN),
+    "loops idle": ({"chain": _chain_rows(by=1.0)}, "loops_exact_out", HOLDS, OPEN),
+    "loops harm": ({"chain": _chain_rows(by=0.5)}, "loops_exact_out", HOLDS, FAILS),
+    "prints idle": ({"chain": _chain_rows(by=1.0)}, "loops_printed_up", HOLDS, OPEN),
+    "fit gains": ({"chain": _chain_rows(mother_by=2.0)}, "loops_printed_mother", OPEN, HOLDS),
+    "full-size bends better": ({"fault": _fault_rows(full=0.1)}, "bent", HOLDS, FAILS),
+    "bent alike": ({"fault": _fault_rows(full=2.0)}, "bent", HOLDS, OPEN),
+    "test blind": ({"fault": _fault_rows(passed=True)}, "noticed_bent", HOLDS, FAILS),
+    "test of few": ({"fault": _fault_rows(passed=True, worlds=2)}, "noticed_scale", HOLDS, OPEN),
+}
 
 
-@pytest.mark.parametrize(("parts", "before", "after"), CONTRARY.values(), ids=CONTRARY)
-def test_contrary_rows_change_the_words(parts: dict[str, Frame], before: str, after: str) -> None:
-    usual, contrary = _words(_usual()), _words(_read(**parts))
-    assert before in usual and after not in usual
-    assert after in contrary and before not in contrary
-    assert not re.search(r"\b(nan|inf|None)\b", contrary)
+@pytest.mark.parametrize(("parts", "finding", "before", "after"), CONTRARY.values(), ids=CONTRARY)
+def test_contrary_rows_turn_a_finding(parts: dict[str, Frame], finding: str, before: Outcome, after: Outcome) -> None:
+    contrary = STUDY.read(pd.concat(parts.values(), ignore_index=True))
+    assert _usual()[finding].outcome == before and contrary[finding].outcome == after
+    assert STUDY.concluded(contrary)
 
 
 @pytest.mark.parametrize(
     ("errors", "enough", "coverage"),
     [
-        ({}, 6, 0.5), ({"planned_3": 0.001, "planned_6": 0.5}, 12, 1.0), ({"planned_3": 0.001}, 3, 0.25),
+        ({}, 6, 50), ({"planned_3": 0.001, "planned_6": 0.5}, 12, 100), ({"planned_3": 0.001}, 3, 25),
         ({"planned_12": 0.5}, 0, None),
     ],
 )  # fmt: skip
 def test_enough_boards_are_those_from_which_on_all_are_good(
     errors: dict[str, float], enough: int, coverage: float | None
 ) -> None:
-    findings = _read(count=_changed(**errors))
-    assert findings.figures["enough_boards"] == enough
-    if coverage is None:
-        assert "with none of the numbers tried does the upper end of the 95 % interval stay" in findings.sentences[0]
-    else:
-        assert findings.figures["enough_coverage"] == pytest.approx(coverage)
-        assert f"from {enough} planned boards on, where they cover {100 * coverage:.0f} %" in findings.sentences[0]
+    found = _read(count=_changed(**errors))["enough"]
+    assert found.quantities["enough_boards"].value == enough
+    assert found.outcome == (FAILS if coverage is None else HOLDS)
+    if coverage is not None:
+        assert found.quantities["coverage"].value == pytest.approx(coverage)
 
 
-def test_rendered_worlds_stand_beside_the_interval_of_drawn_ones() -> None:
-    usual = _usual().verdict
-    assert "12 stitched boards 0.0100 px (2 worlds, range 0.0080 to 0.0120), inside the interval" in usual
+def test_rendered_worlds_stand_beside_those_of_drawn_pixels() -> None:
     count = _count_rows(rendered=1)
-    for factor, where in (
-        (1.45, "above the interval [0.0084, 0.0116] of the drawn median, within the range [0.0080, 0.0120] of 10"),
-        (5.0, "above the interval [0.0084, 0.0116] of the drawn median, outside the range"),
-        (0.5, "below the interval [0.0084, 0.0116] of the drawn median, outside the range"),
-    ):
-        here = (count["evidence"] == "rendered") & (count["target"] == "planned") & (count["boards"] == 12)
+    here = (count["evidence"] == "rendered") & (count["target"] == "planned") & (count["boards"] == 12)
+    for factor, outcome in ((1.2, HOLDS), (1.45, OPEN), (5.0, FAILS), (0.5, FAILS)):
         moved = count.assign(corner_px=count["corner_px"].where(~here, count["corner_px"] * factor))
-        verdict = _read(count=moved).verdict
-        assert f"12 stitched boards {0.008 * factor:.4f} px (1 world), {where}" in verdict
+        found = _read(count=moved)["rendered_planned"]
+        assert found.outcome == outcome and found.quantities["rendered"].value == pytest.approx(0.008 * factor)
     only_three = count[~((count["evidence"] == "rendered") & (count["boards"] == 12))]
-    assert "the full-size board with the marks of 3 0.0160 px (1 world)" in _read(count=only_three).verdict
+    assert _value(_read(count=only_three), "rendered_full", "boards") == 3
 
 
 def test_worlds_that_failed_are_beyond_all_in_every_column_and_say_why() -> None:
-    findings = _read(fault=_fault_rows(failing=5))
-    table = next(table for table in findings.tables if table.title == "Bent boards and own scales").frame
+    found = _read(fault=_fault_rows(failing=5))
+    table = next(table for table in found.tables if table.title == "Bent boards and own scales").frame
     assert table["failed"].tolist() == [5, 5, 5] and set(table["reason"]) == {"no board was seen"}
     for column in ("corner, px", "check points, mm", "mother board, mm", "s0", "NEES check"):
         assert set(table[column]) == {"beyond all"}, column
-    assert "corners err by beyond all measure, check points by beyond all measure" in _words(findings)
+    assert np.isinf(_value(found, "noticed_bent", "corner")) and np.isinf(_value(found, "noticed_bent", "points"))
     some = next(t for t in _read(fault=_fault_rows(failing=2)).tables if t.title == "Bent boards and own scales").frame
     assert some["failed"].tolist() == [2, 2, 2] and set(some["s0"]) == {"8"}
 
@@ -268,7 +248,7 @@ def test_a_chain_that_failed_in_one_world_is_told_of_the_others() -> None:
     broken = {"experiment": "chain", "target": "chain", "boards": 8, "level": 0.0, "evidence": "drawn", "wide": 0,
               "world": 99, "method": "stitched", "failed": "the chain is broken"}  # fmt: skip
     whole, part = _usual(), _read(chain=pd.concat([_chain_rows(), pd.DataFrame([broken])]))
-    assert part.sentences == whole.sentences
+    assert STUDY.concluded(part) == STUDY.concluded(whole)
     table = next(table for table in part.tables if table.title == "The last board of each chain").frame
     assert table["failed"].max() == 1 and table["worlds"].max() == 40
 
@@ -277,6 +257,16 @@ def test_a_single_board_that_determines_nothing_is_beyond_all() -> None:
     table = next(table for table in _usual().tables if table.title == "All fields").frame
     alone = table[(table["target"] == "one of them alone") & (table["evidence"] == "drawn")]
     assert alone["corner, px"].tolist()[1] == "beyond all" and alone["failed"].tolist() == [0, 10]
+
+
+def test_the_page_is_made_of_made_up_rows(tmp_path: Path) -> None:
+    extent = Extent(cases=9, done=9, failures=[], quick=False)
+    write_page(STUDY, _usual(), extent, tmp_path)
+    page = unescape((tmp_path / "report.html").read_text())
+    assert all(finding.question in page for finding in _usual().findings)
+    assert len(_usual().plots) == 4 and all((tmp_path / f"{plot.name}.csv").is_file() for plot in _usual().plots)
+    kept = json.loads(json.dumps(plain(summary(STUDY, _usual(), extent)), allow_nan=False))
+    assert kept["verdict"] == "fails" and len(kept["findings"]) == len(_usual().findings)
 
 
 WITHOUT = {
@@ -300,20 +290,21 @@ WITHOUT = {
 
 
 @pytest.mark.parametrize("left", WITHOUT.values(), ids=WITHOUT)
-def test_what_is_not_done_yet_is_left_out_and_the_rest_is_told(left: Any) -> None:
+def test_what_is_not_done_yet_is_open_and_the_rest_is_as_before(left: Any) -> None:
     rows = left(_table()).dropna(axis=1, how="all").reset_index(drop=True)
-    findings = read(rows)
-    assert findings.verdict and not re.search(r"\b(nan|inf|None)\b", _words(findings))
-    whole = _usual()
-    assert 0 < len(findings.sentences) < len(whole.sentences)
-    for plot in findings.plots if len(findings.plots) < 3 else ():
+    found, whole = STUDY.read(rows), _usual()
+    open_now = {finding.name for finding in found.findings if finding.outcome == OPEN}
+    assert open_now > {finding.name for finding in whole.findings if finding.outcome == OPEN}
+    assert 0 < len(STUDY.concluded(found)) < len(STUDY.concluded(whole))
+    json.dumps(plain([finding.row() for finding in found.findings]), allow_nan=False)
+    for plot in found.plots if len(found.plots) < 3 else ():
         assert b"<svg" in drawn(plot)
-    for table in findings.tables:
+    for table in found.tables:
         assert len(table.frame)
 
 
 def test_one_kind_of_case_alone_gives_no_verdict_on_the_claim() -> None:
     rows = _table()
-    one = read(rows[(rows["experiment"] == "count") & (rows["target"] == "planned") & (rows["boards"] == 1)])
-    assert one.verdict.startswith("Does not hold")
-    assert read(rows[rows["experiment"] == "coverage"]).verdict.startswith("Not decided")
+    one = STUDY.read(rows[(rows["experiment"] == "count") & (rows["target"] == "planned") & (rows["boards"] == 1)])
+    assert one["method"].outcome == FAILS  # of a single board
+    assert STUDY.verdict(STUDY.read(rows[rows["experiment"] == "coverage"])) == OPEN

@@ -1,7 +1,6 @@
 """The study `wls`: its work on drawn observations, its findings on made-up tables, and rays that are not rejected."""
 
 import json
-import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,8 @@ from testfield.reconstruct.midpoint import unweighted
 from testfield.reconstruct.opponents import _opencv, by_opponent
 from testfield.reconstruct.points import Points
 from testfield.reconstruct.sights import sights_of
-from testfield.report.study import as_html, drawn
+from testfield.registry import find, register
+from testfield.report.study import as_html, drawn, write_page
 from testfield.scene.build import build_world
 from testfield.scene.load import parse_scene
 from testfield.scene.schema import SceneFile
@@ -26,24 +26,28 @@ from testfield.scene.truth import see
 from testfield.scene.world import World
 from testfield.score.scorecard import plain
 from testfield.simulate.observations import draw_observations
-from testfield.study.study import Findings, run_study
-from testfield.study.wls.cells import cells, ratio, told
-from testfield.study.wls.experiment import (
+from testfield.statistics.decide import Side
+from testfield.statistics.jackknife import jackknife_ratio as ratio
+from testfield.study.finding import Outcome
+from testfield.study.study import Extent, run_study
+from testfield_studies.truth import exact_calibration
+from testfield_studies.wls.cells import cells, told
+from testfield_studies.wls.experiment import (
     EXPOSURES,
     KEPT_ERRORS,
     METHODS,
     camera_sets,
     cases,
     compared,
-    exact_calibration,
     law,
     observations_of,
     scored,
 )
-from testfield.study.wls.field import FAR_MM, NEAR_MM, field_scene
-from testfield.study.wls.page import STUDY, read
-from testfield.study.wls.repeated import share
+from testfield_studies.wls.field import FAR_MM, NEAR_MM, field_scene
+from testfield_studies.wls.page import STUDY, read
+from testfield_studies.wls.repeated import share
 
+HOLDS, FAILS, OPEN = Outcome.HOLDS, Outcome.FAILS, Outcome.OPEN
 NAMES = ["midpoint", "dlt", "dlt_p34", "parametric_wls", "gls", "ml", "bundle", "opencv"]
 
 
@@ -138,11 +142,11 @@ def test_narrower_claims_are_compared_with_the_sandwich_in_the_same_frame(
 
 
 def test_points_that_are_not_finite_are_not_measured_and_a_method_that_fails_fails_alone(
-    spread: tuple[SceneFile, World, Observations], monkeypatch: pytest.MonkeyPatch
+    spread: tuple[SceneFile, World, Observations],
 ) -> None:
     _, world, observations = spread
     calibration = exact_calibration(world)
-    points = METHODS["midpoint"](observations, calibration, world.field)
+    points = find("reconstructors", "midpoint")(observations, calibration, world.field)
     lost = points.xyz_mm[points.rows([70])[0]]
 
     def but_for_one(plane: np.ndarray, cameras: np.ndarray) -> np.ndarray:
@@ -155,9 +159,10 @@ def test_points_that_are_not_finite_are_not_measured_and_a_method_that_fails_fai
     def fails(*_: Any) -> Points:
         raise TestfieldError("no points", "here", "look")
 
-    monkeypatch.setitem(METHODS, "colmap", lambda o, c, f: by_opponent(o, c, f, "colmap", but_for_one))
-    monkeypatch.setitem(METHODS, "opencv", fails)
-    names = ["midpoint", "colmap", "opencv", "gls", "parametric_wls"]
+    register("reconstructors", "all_but_one")(lambda o, c, f: by_opponent(o, c, f, "all_but_one", but_for_one))
+    register("reconstructors", "none_at_all")(lambda o, c, f: by_opponent(o, c, f, "none_at_all", never))
+    register("reconstructors", "failing")(fails)
+    names = ["midpoint", "all_but_one", "failing", "gls", "parametric_wls"]
     rows = compared(observations, calibration, world.field, world, 6, names)
     assert [row["method"] for row in rows] == names
     failed = rows.pop(2)
@@ -165,9 +170,8 @@ def test_points_that_are_not_finite_are_not_measured_and_a_method_that_fails_fai
     assert {row["points"] for row in rows} == {41}
     assert 70 not in rows[-1]["codes"]
     assert all(np.isfinite(row["nees"]) and row["nees"] < 3 for row in rows)
-    monkeypatch.setitem(METHODS, "colmap", lambda o, c, f: by_opponent(o, c, f, "colmap", never))
-    rows = compared(observations, calibration, world.field, world, 6, names)
-    assert [row["points"] > 0 for row in rows] == [True, False, False, True, True]
+    rows = compared(observations, calibration, world.field, world, 6, ["midpoint", "none_at_all", "failing", "gls"])
+    assert [row["points"] > 0 for row in rows] == [True, False, False, True]
 
 
 def test_the_law_counts_the_cameras_that_its_weights_make() -> None:
@@ -181,7 +185,7 @@ def test_the_law_counts_the_cameras_that_its_weights_make() -> None:
 def test_a_wrong_truth_turns_it_red(spread: tuple[SceneFile, World, Observations]) -> None:
     _, world, observations = spread
     calibration = exact_calibration(world)
-    points = METHODS["gls"](observations, calibration, world.field)
+    points = find("reconstructors", "gls")(observations, calibration, world.field)
     rows = points.rows([int(code) for code in points.code[points.rays == 6]])
     codes, true = [int(code) for code in points.code[rows]], points.xyz_mm[rows]
     assert scored(points, codes, true, False, None)["nees"] < 1e-12
@@ -263,72 +267,78 @@ def test_cells_carry_the_gain_and_an_interval_that_holds_it() -> None:
     assert exact["rmse_mm_low"] < exact["rmse_mm"] < exact["rmse_mm_high"]
 
 
-def test_findings_say_that_the_claim_holds_and_draw_every_plot() -> None:
-    findings = read(_table(GOOD))
-    assert findings.figures["verdict"] == "holds" and findings.verdict.startswith("The claim holds:")
-    assert findings.figures["nees_claiming_blocks"] == pytest.approx([3, 3], rel=0.1)
-    assert all(drawn(plot).startswith(b"<?xml") for plot in findings.plots)
-    assert any("With two cameras" in sentence for sentence in findings.sentences)
+CLAIM = ("few_exact", "few_estimated", "many_exact", "many_estimated")
 
 
-def test_findings_turn_red_where_the_table_says_otherwise() -> None:
-    partly = read(_table(GOOD | {("estimated", "few"): 0.8, ("estimated", "many"): 1.0}))
-    assert partly.figures["verdict"] == "holds in part"
-    assert "it is worse with few cameras and no different with many" in partly.verdict
-    assert read(_table(dict.fromkeys(GOOD, 0.7))).figures["verdict"] == "fails"
-    assert read(_table(GOOD | {("exact", "many"): 0.8})).figures["verdict"] == "holds in part"
-    one = read(_table(GOOD, exposures=1))
-    assert one.figures["verdict"] == "not told" and "not told apart" in one.verdict
+def _outcomes(table: pd.DataFrame, *names: str) -> list[Outcome]:
+    results = read(table)
+    return [results[name].outcome for name in names]
 
 
-def _words(findings: Findings) -> str:
-    return " ".join([findings.verdict, *findings.sentences])
+def test_the_claim_holds_where_it_was_put_in_and_the_page_shows_it(tmp_path: Path) -> None:
+    results = read(_table(GOOD))
+    assert STUDY.verdict(results) == HOLDS
+    assert results["narrow"].quantities["blocks_least"].value == pytest.approx(3, rel=0.1)
+    write_page(STUDY, results, Extent(cases=4, done=4, failures=[], quick=True), tmp_path)
+    assert all((tmp_path / f"{plot.name}.svg").stat().st_size > 5000 for plot in results.plots)
+    assert "With the calibration exact, weighting pays" in (tmp_path / "report.html").read_text()
 
 
 @pytest.mark.parametrize(
-    ("chosen", "missing"),
+    ("gain", "outcomes"),
     [
-        ("ranges == 'equal'", "few cameras at spread ranges with the calibration exact"),
-        ("ranges == 'spread'", None),
-        ("noise == 'high'", "no case gave any points"),
-        ("calibration == 'exact'", "many cameras at spread ranges with the calibration estimated"),
-        ("calibration == 'estimated'", "few cameras at spread ranges with the calibration exact"),
-        ("cameras == 2", "many cameras at spread ranges with the calibration exact"),
-        ("cameras == 16", "few cameras at spread ranges with the calibration estimated"),
-        ("exposure == 0", None),
-        ("exposure < 2", None),
-        ("exposure < 3", None),
-        ("ranges == 'equal' and cameras == 2 and exposure == 0", "few cameras at spread ranges"),
-        ("method == 'midpoint'", "few cameras at spread ranges"),
-        ("method == 'parametric_wls'", "few cameras at spread ranges"),
-        ("method != 'midpoint'", "few cameras at spread ranges"),
-        ("method != 'parametric_wls'", "few cameras at spread ranges"),
-        ("method != 'gls'", None),
-        ("method != 'ml'", None),
-        ("points < 0", "no case gave any points"),
+        ({("estimated", "few"): 0.8, ("estimated", "many"): 1.0}, (HOLDS, FAILS, HOLDS, HOLDS)),
+        (dict.fromkeys(GOOD, 0.7), (FAILS, FAILS, FAILS, FAILS)),
+        ({("exact", "many"): 0.8}, (HOLDS, HOLDS, FAILS, HOLDS)),
     ],
 )
-def test_of_any_part_of_the_rows_is_said_what_can_be_said(chosen: str, missing: str | None) -> None:
-    findings = read(_table(GOOD, exposures=4).query(chosen))
-    told = _words(findings)
-    assert not re.search(r"\b(nan|inf|None)\b", told), told
-    json.dumps(plain(findings.figures), allow_nan=False)
-    assert all(as_html(table) and len(table.frame) for table in findings.tables)
-    if missing is None:
-        assert findings.figures["verdict"] in ("holds", "holds in part", "not told")
-    else:
-        assert findings.verdict.startswith("Not judged") and missing in findings.verdict
-        assert findings.figures["verdict"] == "not judged"
+def test_a_gain_reversed_turns_the_finding(gain: dict, outcomes: tuple[Outcome, ...]) -> None:
+    table = _table(GOOD | gain)
+    assert _outcomes(table, *CLAIM) == list(outcomes)
+    assert STUDY.verdict(read(table)) == FAILS
+
+
+def test_a_single_exposure_tells_nothing() -> None:
+    assert _outcomes(_table(GOOD, exposures=1), *CLAIM) == [OPEN] * 4
+
+
+@pytest.mark.parametrize(
+    ("chosen", "judged"),
+    [
+        ("ranges == 'equal'", ""),
+        ("ranges == 'spread'", "few_exact few_estimated many_exact many_estimated"),
+        ("noise == 'high'", ""),
+        ("calibration == 'exact'", "few_exact many_exact"),
+        ("calibration == 'estimated'", "few_estimated many_estimated"),
+        ("cameras == 2", "few_exact few_estimated"),
+        ("cameras == 16", "many_exact many_estimated"),
+        ("exposure == 0", ""),
+        ("ranges == 'equal' and cameras == 2 and exposure == 0", ""),
+        ("method == 'midpoint'", ""),
+        ("method == 'parametric_wls'", ""),
+        ("method != 'midpoint'", ""),
+        ("method != 'parametric_wls'", ""),
+        ("method != 'gls'", "few_exact few_estimated many_exact many_estimated"),
+        ("points < 0", ""),
+    ],
+)
+def test_of_any_part_of_the_rows_is_judged_what_is_there(chosen: str, judged: str) -> None:
+    results = read(_table(GOOD, exposures=4).query(chosen))
+    assert [name for name in CLAIM if results[name].outcome == HOLDS] == judged.split()
+    assert {results[name].outcome for name in CLAIM} <= {HOLDS, OPEN}
+    json.dumps(plain([finding.row() for finding in results.findings]), allow_nan=False)
+    assert "nan" not in " ".join(STUDY.concluded(results))
+    assert all(as_html(table) and len(table.frame) for table in results.tables)
 
 
 def test_a_table_of_failures_alone_and_one_without_points_give_a_page_too() -> None:
     for table in (pd.DataFrame({"ranges": [], "noise": []}), _table(GOOD, exposures=1).assign(points=0, why="dark")):
-        findings = read(table)
-        assert findings.verdict == "Not judged: no case gave any points." and not findings.plots
+        results = read(table)
+        assert STUDY.verdict(results) == OPEN and not results.plots and not STUDY.concluded(results)
     some = _table(GOOD)
     some.loc[(some["method"] == "opencv") & (some["exposure"] == 0), ["points", "why"]] = [0, "it was dark"]
-    findings = read(some)
-    assert "opencv gave nothing for 8 of 96 sets of cameras, the first because it was dark." in findings.sentences
+    lost = next(table for table in read(some).tables if table.title == "What gave nothing").frame
+    assert lost.to_numpy().tolist() == [["opencv", 8, 96, "it was dark"]]
 
 
 @pytest.mark.parametrize("chosen", ["ranges == 'equal' and cameras == 2", "exposure == 0 and noise == 'low'"])
@@ -345,14 +355,14 @@ def test_intervals_of_three_exposures_hold_the_truth_as_often_as_they_say() -> N
         held = ((ends[:, 1] < 1) & (ends[:, 2] > 1)).mean()
         assert held == pytest.approx(0.95, abs=0.025)
         # Resampling three exposures holds it in 73 % only, and would call luck a difference in every fourth cell.
-        assert np.mean([told(*row) in ("above", "below") for row in ends]) < 0.07
+        assert np.mean([told(*row) in (Side.ABOVE, Side.BELOW) for row in ends]) < 0.07
 
 
 def test_a_ratio_is_called_different_only_where_its_interval_says_so() -> None:
     assert ratio([4.0], [1.0], 0.5)[0] == 2 and np.isnan(ratio([4.0], [1.0], 0.5)[1:]).all()
     assert np.isnan(ratio([np.nan], [1.0])).all() and ratio([2.0, np.nan], [1.0, 0.0])[0] == 2
-    assert told(1.2, 1.1, 1.3) == "above" and told(0.8, 0.7, 0.9) == "below"
-    assert told(1.005, 1.001, 1.02) == "one" and told(1.2, 0.9, 1.6) == told(1.2, np.nan, np.nan) == "untold"
+    assert told(1.2, 1.1, 1.3) == Side.ABOVE and told(0.8, 0.7, 0.9) == Side.BELOW
+    assert told(1.005, 1.001, 1.02) == Side.SAME and told(1.2, 0.9, 1.6) == told(1.2, np.nan, np.nan) == Side.OPEN
 
 
 def test_methods_are_compared_where_both_gave_points() -> None:
@@ -385,74 +395,64 @@ def test_what_comes_again_is_told_from_what_scatters() -> None:
     assert share(rows[:1]) is None
 
 
-def test_words_on_a_claim_that_is_too_small_follow_what_comes_again() -> None:
-    def said(table: pd.DataFrame) -> str:
-        return next(s for s in read(table).sentences if s.startswith("With the calibration exact the claim is too"))
-
+def test_a_claim_that_is_too_small_is_told_by_what_comes_again() -> None:
     again = _table(GOOD, exposures=20, again=1.0)
-    assert "come again in every exposure" in said(again) and "no noise" in said(again)
+    assert _outcomes(again, "claims_exact", "again", "excess") == [FAILS, HOLDS, HOLDS]
     scattered = _table(GOOD, exposures=20)
     scattered[["nees", "claimed_mm2"]] *= [2.0, 0.5]
-    assert "What scatters from exposure to exposure is larger than claimed" in said(scattered)
-    assert not any("too small in" in s and "NEES" in s for s in _claims(_table(GOOD, exposures=20)))
-
-
-def _claims(table: pd.DataFrame) -> list[str]:
-    return [s for s in read(table).sentences if s.startswith("With the calibration exact")]
+    assert _outcomes(scattered, "claims_exact", "excess") == [FAILS, FAILS]
+    assert _outcomes(_table(GOOD, exposures=20), "claims_exact", "excess") == [HOLDS, OPEN]
 
 
 @pytest.mark.parametrize(
-    ("worse", "says", "explains"),
-    [
-        ("parametric_wls", "does, costs accuracy:", True),
-        ("gls", "does, gains accuracy:", False),
-        ("ml", "does, costs no accuracy:", False),
-    ],
+    ("worse", "ignoring", "pixels"), [("parametric_wls", HOLDS, HOLDS), ("gls", FAILS, OPEN), ("ml", FAILS, FAILS)]
 )
-def test_words_on_ignoring_correlation_follow_the_figures(worse: str, says: str, explains: bool) -> None:
+def test_what_ignoring_correlation_costs_follows_the_figures(worse: str, ignoring: Outcome, pixels: Outcome) -> None:
     table = _table(dict.fromkeys(GOOD, 1.0))
     table.loc[table["method"] == worse, "square_mm2"] *= 1.3
-    sentences = read(table).sentences
-    assert any(says in sentence for sentence in sentences), sentences
-    assert any("So pixels alone may be" in sentence for sentence in sentences) == explains
+    assert _outcomes(table, "ignoring", "pixels") == [ignoring, pixels]
 
 
-def test_words_on_the_truth_of_claims_follow_the_figures() -> None:
-    def said(narrow: float) -> str:
-        return next(s for s in read(_table(GOOD, narrow)).sentences if "NEES of single points in the frame" in s)
-
-    assert said(3.0).startswith("Claims that ignore what cameras share are too small more often")
-    assert said(1.0).startswith("Claims that ignore what cameras share are not seen to be too small")
-    assert "too large in all 4 cells" in said(0.5)
+@pytest.mark.parametrize(("narrow", "outcome"), [(3.0, HOLDS), (1.0, FAILS), (0.5, FAILS)])
+def test_claims_that_ignore_what_is_shared_are_too_small_where_they_are(narrow: float, outcome: Outcome) -> None:
+    assert _outcomes(_table(GOOD, narrow), "narrow") == [outcome]
 
 
-def test_the_law_of_many_cameras_is_shown_only_where_weights_come_to_several() -> None:
+def test_the_law_of_many_cameras_is_judged_only_where_weights_come_to_several() -> None:
     several, one = read(_table(GOOD, law=6.0)), read(_table(GOOD, law=1.7))
     law = several.tables[0].frame.set_index("calibration")["law"]
     assert law["exact"].notna().all() and law["estimated"].isna().all()
     assert one.tables[0].frame["law"].isna().all()
-    assert any("promises 1.80 at spread ranges" in s for s in several.sentences)
-    said = next(s for s in one.sentences if s.startswith("The law of many cameras"))
-    assert (
-        "does not hold for 16 cameras" in said and "come to 1.7 equal cameras" in said and "upper figure only" in said
-    )
+    assert (several["law"].outcome, several["law_of_few"].outcome) == (FAILS, OPEN)  # it promises 1.8
+    assert (one["law"].outcome, one["law_of_few"].outcome) == (OPEN, HOLDS)
+    agrees = _table(GOOD | {("exact", "few"): 1.8, ("exact", "many"): 1.8}, exposures=8)
+    assert _outcomes(agrees, "law") == [HOLDS]
 
 
-def test_cells_with_fewer_than_a_thousand_points_are_named() -> None:
-    assert not any("Fewer than 1,000" in s for s in read(_table(GOOD, exposures=26)).sentences)
-    assert any("Fewer than 1,000 points in 8 of 8 cells" in s for s in read(_table(GOOD)).sentences)
+def test_cells_with_fewer_than_a_thousand_points_are_counted() -> None:
+    assert _outcomes(_table(GOOD, exposures=26), "points") == [HOLDS]
+    thin = read(_table(GOOD))["points"]
+    assert thin.outcome == FAILS and thin.quantities["thin_cells"].value == thin.quantities["cells"].value == 8
+
+
+def test_at_equal_ranges_a_gain_is_found_where_it_was_put_in() -> None:
+    table = _table(GOOD)
+    assert _outcomes(table, "equal_exact", "equal_estimated") == [HOLDS, HOLDS]
+    here = (table["ranges"] == "equal") & (table["method"] == "parametric_wls") & (table["calibration"] == "exact")
+    table.loc[here, "square_mm2"] *= 1.5
+    assert _outcomes(table, "equal_exact", "equal_estimated") == [FAILS, HOLDS]
 
 
 @pytest.mark.slow
 def test_the_quick_study_says_what_its_table_says(tmp_path: Path) -> None:
     found = run_study(STUDY, tmp_path, True, 2)
-    assert (tmp_path / "report.html").is_file() and not re.search(r"\b(nan|inf)\b", _words(found))
+    assert (tmp_path / "report.html").is_file()
     kept = json.loads((tmp_path / "findings.json").read_text())
-    assert kept["failed"] == 0 and kept["cases"] == 12 and kept["figures"] == plain(found.figures)
+    assert kept["failed"] == 0 and kept["cases"] == 12
     rows = pd.read_parquet(tmp_path / "results.parquet")
     good = rows[rows["points"] > 0]
     assert len(good) > 0.95 * len(rows)
-    assert _words(read(rows)) == _words(found)
+    assert STUDY.concluded(read(rows)) == STUDY.concluded(found)
     exact = good[(good["calibration"] == "exact") & good["method"].isin(["ml", "parametric_wls"])]
     assert exact["nees_narrow"].to_numpy() == pytest.approx(exact["nees_points_frame"].to_numpy(), rel=1e-6)
     for row in good[good["error_mm"].notna()].itertuples():
@@ -461,5 +461,5 @@ def test_the_quick_study_says_what_its_table_says(tmp_path: Path) -> None:
     cell = cells(rows)
     wls = cell[(cell["method"] == "parametric_wls") & (cell["ranges"] == "spread") & (cell["calibration"] == "exact")]
     assert (wls["gain"] / wls["gain_predicted"]).to_numpy() == pytest.approx(1, abs=0.15)
-    assert found.figures["verdict"] in ("holds", "holds in part", "not told")
-    assert found.figures["nees_claiming_pixels"][1] > 4 > 3 > found.figures["nees_claiming_sandwich"][1]
+    narrow = found["narrow"].quantities
+    assert narrow["pixels_most"].value > 4 > 3 > narrow["sandwich_most"].value

@@ -869,4 +869,38 @@ CERTIFICATES = [
     Defect("what hides a mark is half as wide", "_towards", "1.001 * radius_mm", "0.5 * radius_mm", HIDDEN),
     Defect("labels are formulas", "LiteralFigure._take_literally", "text.set_parse_math(False)", "text", LITERAL),
 ]
-DEFECTS = [*CERTIFICATES, *SCORE, *EDGES, *REPORT, *ACCEPTANCE, *CHAIN, *SEEDS, *STATISTICS, *BENCH, *PHYSICS]
+RULE = "tests/test_study.py::test_a_rule_asks_for_the_whole_interval"
+FEW_WORLDS = "tests/test_study.py::test_too_few_worlds_leave_a_comparison_open"
+WORST = "tests/test_study.py::test_a_claim_is_worth_what_its_worst_finding_is"
+UNMEASURED = "tests/test_study.py::test_a_paragraph_whose_figures_were_not_measured_is_left_out"
+STUDIES = [
+    Defect(
+        "a study's rule holds on the wrong side",
+        "by_side",
+        "Outcome.HOLDS if side is holds else __r__",
+        "Outcome.HOLDS if side is not holds else __r__",
+        RULE,
+    ),
+    Defect(
+        "a study compares however few worlds",
+        "less",
+        "not quantities[enough[0]].value >= enough[1]",
+        "quantities[enough[0]].value < 0",
+        FEW_WORLDS,
+    ),
+    Defect(
+        "a study's claim fails only where nothing is open",
+        "verdict_of",
+        "(Outcome.FAILS, Outcome.OPEN)",
+        "(Outcome.OPEN, Outcome.FAILS)",
+        WORST,
+    ),
+    Defect(
+        "a study concludes without figures",
+        "concluded",
+        "by_name[name].measured and __x__",
+        "by_name[name] and __x__",
+        UNMEASURED,
+    ),
+]
+DEFECTS = [*STUDIES, *CERTIFICATES, *SCORE, *EDGES, *REPORT, *ACCEPTANCE, *CHAIN, *SEEDS, *STATISTICS, *BENCH, *PHYSICS]

@@ -30,7 +30,7 @@ def act(args: argparse.Namespace) -> int:
     return 0
 
 
-def _complete_paths(parser: argparse.ArgumentParser, files: dict[str, str]) -> None:
+def _complete_paths(parser: argparse.ArgumentParser, files: Any) -> None:
     """Whatever is a path is completed with the names of files."""
     for action in parser._actions:
         if action.type is Path:

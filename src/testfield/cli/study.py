@@ -13,7 +13,7 @@ def add(commands: Any) -> None:
     p = commands.add_parser(
         "study", help="put one of the thesis' claims to the test on rendered experiments", description=__doc__
     )
-    p.add_argument("name", metavar="NAME", help="wls, grey, fitting_point or stitching")
+    p.add_argument("name", metavar="NAME", help="wls, grey, fitting_point, stitching, or one of your own")
     p.add_argument("--quick", action="store_true", help="a small version of the experiment, for a first look")
     p.add_argument("--so-far", action="store_true", help="do nothing more: the page of what is finished")
     p.add_argument("--out", type=Path, metavar="FOLDER", help="default: renders/study-NAME, with --quick -quick")
@@ -34,13 +34,16 @@ def act(args: argparse.Namespace) -> int:
     study = find_study(args.name)
     folder = args.out or Path("renders") / f"study-{study.name}{'-quick' if args.quick else ''}"
     with only_writer(folder):
-        findings = run_study(study, folder, args.quick, jobs_of(args.jobs), args.so_far)
+        results = run_study(study, folder, args.quick, jobs_of(args.jobs), args.so_far)
     if args.json:
         print(read_text(folder / "findings.json"))
         return 0
     print(f"{study.title}\n\nclaim    {textwrap.fill(study.claim, 100, subsequent_indent=9 * ' ')}")
-    print(f"verdict  {textwrap.fill(findings.verdict, 100, subsequent_indent=9 * ' ')}\n")
-    for sentence in findings.sentences:
-        print(textwrap.fill(sentence, 108, initial_indent="- ", subsequent_indent="  "))
-    print(f"\n{folder / 'report.html'}")
+    print(f"verdict  {study.verdict(results)}\n")
+    for finding in results.findings:
+        print(textwrap.fill(finding.question, 100, initial_indent=f"{finding.outcome:<9}", subsequent_indent=9 * " "))
+    print()
+    for paragraph in study.concluded(results):
+        print(textwrap.fill(paragraph, 108) + "\n")
+    print(folder / "report.html")
     return 0

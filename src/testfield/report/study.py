@@ -9,16 +9,15 @@ from testfield.report.pages import page
 from testfield.report.style import figure, svg_of
 from testfield.store.atomic import whole
 from testfield.store.text import write_text
+from testfield.study.finding import plain
 from testfield.study.run_cases import FAILURE
-from testfield.study.study import Findings, Plot, Study, Table
+from testfield.study.study import Extent, Plot, Results, Study, Table
 
 
-def write_page(
-    study: Study, findings: Findings, failures: list[dict[str, Any]], folder: Path, quick: bool, so_far: str = ""
-) -> None:
-    """Write `report.html`, and of every plot `NAME.svg` and `NAME.csv`; `so_far` says how many cases are done."""
+def write_page(study: Study, results: Results, extent: Extent, folder: Path) -> None:
+    """Write `report.html`, and of every plot `NAME.svg` and `NAME.csv`."""
     drawings = []
-    for plot in findings.plots:
+    for plot in results.plots:
         svg = drawn(plot)
         with whole(folder / f"{plot.name}.svg") as path:
             path.write_bytes(svg)
@@ -26,11 +25,17 @@ def write_page(
             plot.data.to_csv(path, index=False)
         drawings.append((plot, Markup(svg[svg.index(b"<svg") :].decode())))
     html = page(
-        "study.html", study=study, findings=findings, drawings=drawings, failures=failures, quick=quick,
-        first_failed=_labels(failures[0]) if failures else "",
-        so_far=so_far,
-        tables=[(table, Markup(as_html(table))) for table in findings.tables],
-    )  # fmt: skip
+        "study.html",
+        study=study,
+        verdict=study.verdict(results),
+        findings=[(finding, finding.name in study.rests_on) for finding in results.findings],
+        conclusion=study.concluded(results),
+        plain=plain,
+        drawings=drawings,
+        extent=extent,
+        first_failed=_labels(extent.failures[0]) if extent.failures else "",
+        tables=[(table, Markup(as_html(table))) for table in results.tables],
+    )
     with whole(folder / "report.html") as path:
         write_text(path, html)
 

@@ -14,6 +14,8 @@ from testfield.store.atomic import whole
 from testfield.store.stamp import stamp
 from testfield.store.text import write_text
 from testfield.study.cases import Case
+from testfield.study.conclusion import concluded, read_conclusion
+from testfield.study.finding import Finding, Outcome, verdict_of
 from testfield.study.run_cases import FAILURE, finished, run_cases
 
 
@@ -45,29 +47,51 @@ class Plot:
 
 
 @dataclass(frozen=True)
-class Findings:
-    """What a study found: the `verdict` in a sentence, `sentences` that answer its questions, tables and plots, and
-    the key `figures` by name."""
+class Results:
+    """What a study found: its findings, and the tables and plots of its page (those without a row are left out)."""
 
-    verdict: str
-    sentences: list[str]
+    findings: list[Finding]
     tables: list[Table] = field(default_factory=list)
     plots: list[Plot] = field(default_factory=list)
-    figures: dict[str, Any] = field(default_factory=dict)
+
+    def __getitem__(self, name: str) -> Finding:
+        return next(finding for finding in self.findings if finding.name == name)
 
 
 @dataclass(frozen=True)
 class Study:
-    """A study by name: the thesis' `claim`, its `cases` (quick or whole), and how their table is `read`."""
+    """A study by name: the thesis' `claim`, the names of the findings that it `rests_on`, its `cases` (quick or whole),
+    how their table is `read`, and the file of its `conclusion`."""
 
     name: str
     title: str
     claim: str
+    rests_on: tuple[str, ...]
     cases: Callable[[bool], list[Case]]
-    read: Callable[[pd.DataFrame], Findings]
+    read: Callable[[pd.DataFrame], Results]
+    conclusion: Path
+
+    def verdict(self, results: Results) -> Outcome:
+        """Whether the claim holds, fails or is open."""
+        return verdict_of([results[name].outcome for name in self.rests_on])
+
+    def concluded(self, results: Results) -> list[str]:
+        """The paragraphs of the conclusion that the findings' outcomes allow."""
+        return concluded(read_conclusion(self.conclusion), results.findings)
 
 
-def run_study(study: Study, folder: Path, quick: bool, jobs: int, so_far: bool = False) -> Findings:
+@dataclass(frozen=True)
+class Extent:
+    """How much of a study is done: `cases`, those that are `done`, the rows of those that gave no figures, and whether
+    it is the `quick` setting."""
+
+    cases: int
+    done: int
+    failures: list[dict[str, Any]]
+    quick: bool
+
+
+def run_study(study: Study, folder: Path, quick: bool, jobs: int, so_far: bool = False) -> Results:
     """Do what is missing of a study's cases, and write its page, figures, their data and `findings.json`.
 
     With `so_far` nothing is done any more: the findings are those of the finished cases. Raises `TestfieldError` where
@@ -85,14 +109,26 @@ def run_study(study: Study, folder: Path, quick: bool, jobs: int, so_far: bool =
         raise TestfieldError(
             f"all cases failed, the first of them thus: {table[FAILURE].iloc[0]}", str(folder), "mend this and go on"
         )
-    findings = study.read(good)
+    results = study.read(good)
     failures = table[table[FAILURE].notna()].to_dict("records") if FAILURE in table else []
-    summary = stamp() | {
-        "study": study.name, "quick": quick, "claim": study.claim, "verdict": findings.verdict,
-        "sentences": findings.sentences, "figures": findings.figures,
-        "cases": len(cases), "done": done, "failed": len(failures),
-    }  # fmt: skip
+    extent = Extent(cases=len(cases), done=done, failures=failures, quick=quick)
     with whole(folder / "findings.json") as path:
-        write_text(path, json.dumps(plain(summary), indent=1, allow_nan=False))
-    write_page(study, findings, failures, folder, quick, f"{done} of {len(cases)}" if done < len(cases) else "")
-    return findings
+        write_text(path, json.dumps(plain(summary(study, results, extent)), indent=1, allow_nan=False))
+    write_page(study, results, extent, folder)
+    return results
+
+
+def summary(study: Study, results: Results, extent: Extent) -> dict[str, Any]:
+    """What `findings.json` says."""
+    return stamp() | {
+        "study": study.name,
+        "quick": extent.quick,
+        "claim": study.claim,
+        "rests_on": list(study.rests_on),
+        "verdict": str(study.verdict(results)),
+        "findings": [finding.row() for finding in results.findings],
+        "conclusion": study.concluded(results),
+        "cases": extent.cases,
+        "done": extent.done,
+        "failed": len(extent.failures),
+    }
