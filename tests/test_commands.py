@@ -13,7 +13,7 @@ import pytest
 
 from testfield.chain.run import Run
 from testfield.cli.main import main
-from testfield.study.cases import Case
+from testfield.evaluate.case import Case
 from testfield.study.finding import Finding, Quantity, above
 from testfield.study.study import Results, Study, Table
 

@@ -20,13 +20,13 @@ from pydantic import BaseModel
 
 from testfield.chain import keys
 from testfield.chain.run import field_key as run_field_key
+from testfield.evaluate.case import changed
 from testfield.registry import module_of, names
 from testfield.scene.build import build_world
 from testfield.scene.load import parse_scene
 from testfield.scene.schema import SceneFile
 from testfield.scene.world import World
 from testfield.store import code
-from testfield.study.cases import changed
 
 SCENES = Path(__file__).parents[1] / "scenes"
 BASE = """

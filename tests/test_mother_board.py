@@ -9,13 +9,13 @@ import tomli_w
 
 from testfield.calibrate.calibration import Calibration
 from testfield.camera.pose import Poses, rotation
+from testfield.evaluate.case import changed
 from testfield.scene.build import build_world
 from testfield.scene.load import parse_scene
 from testfield.scene.world import World
 from testfield.score.camera import true_in_datum
 from testfield.score.flatness import flatness
 from testfield.score.mother_board import coplanarity, fitted_rms_mm, mother_marks, mother_scores
-from testfield.study.cases import changed
 from testfield_studies.stitching import scenes as stitching_scenes
 
 U_TURN_RAD, U_MM = 1e-5, 1e-2

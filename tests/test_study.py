@@ -10,11 +10,11 @@ import pytest
 
 from testfield.chain.run import Run
 from testfield.errors import TestfieldError
+from testfield.evaluate.case import Case
+from testfield.evaluate.execute import execute
 from testfield.store.code import sources
-from testfield.study.cases import Case
 from testfield.study.conclusion import concluded, read_conclusion
 from testfield.study.finding import Finding, Outcome, Quantity, Rule, above, below, less, number, verdict_of, within
-from testfield.study.run_cases import run_cases
 from testfield.study.studies import find_study, study_names
 from testfield.study.study import Plot, Results, Study, Table, run_study
 
@@ -215,9 +215,9 @@ def test_rewording_a_finding_or_a_page_throws_no_case_away(work: str) -> None:
 
 # ------------------------------------------------------------------ running
 def test_what_is_finished_so_far_can_be_read_while_the_rest_is_not(tmp_path: Path) -> None:
-    run_cases(_cases(range(2)), tmp_path)
+    execute(_cases(range(2)), tmp_path)
     DONE.clear()
-    assert run_cases(_cases(range(4)), tmp_path, so_far=True)["n"].unique().tolist() == [0, 1] and not DONE
+    assert execute(_cases(range(4)), tmp_path, so_far=True)["n"].unique().tolist() == [0, 1] and not DONE
     run_study(_study(tmp_path), tmp_path, False, 1, so_far=True)
     assert "2 of 4 cases are done" in (tmp_path / "report.html").read_text()
     with pytest.raises(TestfieldError, match="no case is finished"):

@@ -10,6 +10,8 @@ import tomli_w
 from testfield.calibrate.calibration import Calibration
 from testfield.camera.pose import Poses, rotation
 from testfield.errors import TestfieldError
+from testfield.evaluate.case import Case, changed
+from testfield.evaluate.execute import case_key, execute
 from testfield.scene.bend import curvature_of, extent_mm
 from testfield.scene.build import build_world
 from testfield.scene.check import check_scene
@@ -19,8 +21,6 @@ from testfield.scene.truth import see
 from testfield.scene.world import World
 from testfield.score.camera import true_in_datum
 from testfield.score.chain_growth import chain_errors, grown, link_of_marks
-from testfield.study.cases import Case, changed
-from testfield.study.run_cases import case_key, run_cases
 from testfield_studies.stitching import experiment as stitching
 from testfield_studies.stitching import plan as stitching_plan
 from testfield_studies.stitching import scenes as stitching_scenes
@@ -211,7 +211,7 @@ def test_a_rendered_board_goes_through_the_same_cases_as_drawn_ones(tmp_path: Pa
     table["stations"] = table["stations"][:4]
     table["measure"] = {"hold": ["k3"]}
     options = {"methods": ["stitched"]}
-    rows = run_cases(
+    rows = execute(
         [Case({"boards": 1}, "testfield_studies.stitching.experiment:measure_field", table, options)], tmp_path
     )
     assert rows["observations"][0] > 100 and rows["sigma0"][0] < 1.3 and "check_points" not in rows

@@ -9,14 +9,14 @@ from typing import Any
 import pandas as pd
 
 from testfield.errors import TestfieldError
+from testfield.evaluate.case import Case
+from testfield.evaluate.execute import FAILURE, execute, finished
 from testfield.score.scorecard import plain
 from testfield.store.atomic import whole
 from testfield.store.stamp import stamp
 from testfield.store.text import write_text
-from testfield.study.cases import Case
 from testfield.study.conclusion import concluded, read_conclusion
 from testfield.study.finding import Finding, Outcome, verdict_of
-from testfield.study.run_cases import FAILURE, finished, run_cases
 
 
 @dataclass(frozen=True)
@@ -97,10 +97,10 @@ def run_study(study: Study, folder: Path, quick: bool, jobs: int, so_far: bool =
     With `so_far` nothing is done any more: the findings are those of the finished cases. Raises `TestfieldError` where
     there are none, or where all failed.
     """
-    from testfield.report.study import write_page
+    from testfield.study.page import write_page
 
     cases = study.cases(quick)
-    table = run_cases(cases, folder, jobs, study.name, so_far)
+    table = execute(cases, folder, jobs, study.name, so_far)
     if table.empty:
         raise TestfieldError("no case is finished", str(folder), f"begin with `testfield study {study.name}`")
     done = len(finished(cases, folder)) if so_far else len(cases)

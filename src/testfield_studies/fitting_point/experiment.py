@@ -16,12 +16,12 @@ from testfield.chain.recipe import recipe_of
 from testfield.chain.run import Run
 from testfield.chain.stages import run_stage
 from testfield.chain.trials import reexposed
+from testfield.evaluate.case import Case, changed, scene_table
 from testfield.measure.pipeline import measure as measure_all
 from testfield.reconstruct.points import Points
 from testfield.scene.world import CHECK, World
 from testfield.score.camera import true_in_datum
 from testfield.seeds import normals, seed_of
-from testfield.study.cases import Case, changed, scene_table
 from testfield.targets.field import Field
 from testfield.uncertainty.certificates import draw_certificates
 from testfield.uncertainty.fitting_point import Weights, fit_point, without_correlation

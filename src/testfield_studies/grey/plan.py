@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from testfield.study.cases import Case
+from testfield.evaluate.case import Case
 from testfield_studies.grey.factors import FACTORS, NAMES, WORKSHOP, levels_of, scene_of
 from testfield_studies.grey.samples import LAWS
 

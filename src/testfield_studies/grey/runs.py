@@ -11,11 +11,11 @@ from testfield.chain.run import Run
 from testfield.chain.stages import run_stage
 from testfield.chain.trials import reexposed
 from testfield.errors import TestfieldError
+from testfield.evaluate.case import Case
 from testfield.measure.pipeline import measure
 from testfield.score.detection import score_detection
 from testfield.score.points import score_points
 from testfield.seeds import seed_of
-from testfield.study.cases import Case
 from testfield.targets.field import Field
 from testfield.uncertainty.certificates import draw_certificates
 from testfield_studies.truth import exact_calibration

@@ -8,8 +8,8 @@ import numpy as np
 from scipy.stats import t
 
 from testfield.chain.run import Run
+from testfield.evaluate.case import Case
 from testfield.seeds import generator
-from testfield.study.cases import Case
 from testfield.uncertainty.grey_uncertainty import ESTIMATORS, unsorted_uncertainty
 
 SIZES = (3, 4, 5, 6, 8, 10, 15, 20, 30)

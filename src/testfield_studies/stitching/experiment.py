@@ -17,6 +17,7 @@ from testfield.chain.run import Run
 from testfield.chain.stages import run_stage
 from testfield.detect.observations import Observations
 from testfield.errors import TestfieldError
+from testfield.evaluate.case import Case
 from testfield.measure.pipeline import calibrate, reconstruct
 from testfield.measure.recipe import Algorithm
 from testfield.scene.build import build_world
@@ -30,7 +31,6 @@ from testfield.score.mother_board import fitted_rms_mm, mother_marks, mother_sco
 from testfield.score.points import score_points
 from testfield.seeds import normals_of_marks, seed_of
 from testfield.simulate.observations import draw_observations
-from testfield.study.cases import Case
 from testfield_studies.stitching import scenes
 
 CELLS = (8, 6)

@@ -8,7 +8,7 @@ is missing there. In both, every world draws print errors, the boards' common sc
 from itertools import product
 from typing import Any
 
-from testfield.study.cases import Case
+from testfield.evaluate.case import Case
 from testfield_studies.stitching import scenes
 from testfield_studies.stitching.experiment import NO_BAR
 

@@ -20,6 +20,7 @@ from testfield.chain.stages import run_stage
 from testfield.chain.trials import reexposed
 from testfield.detect.observations import Observations
 from testfield.errors import TestfieldError
+from testfield.evaluate.case import Case
 from testfield.measure.pipeline import calibrate, reconstruct
 from testfield.measure.recipe import Algorithm, Recipe
 from testfield.reconstruct.estimate import Method, Solved, pixel_covariance, sandwich, settle
@@ -31,7 +32,6 @@ from testfield.scene.world import CHECK, World
 from testfield.score.align import aligned_covariance, rigid_fit
 from testfield.score.camera import true_in_datum
 from testfield.seeds import seed_of
-from testfield.study.cases import Case
 from testfield.targets.field import Field
 from testfield.uncertainty.certificates import draw_certificates
 from testfield_studies.truth import exact_calibration

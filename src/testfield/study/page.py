@@ -5,12 +5,12 @@ from typing import Any
 
 from markupsafe import Markup
 
+from testfield.evaluate.execute import FAILURE
 from testfield.report.pages import page
 from testfield.report.style import figure, svg_of
 from testfield.store.atomic import whole
 from testfield.store.text import write_text
 from testfield.study.finding import plain
-from testfield.study.run_cases import FAILURE
 from testfield.study.study import Extent, Plot, Results, Study, Table
 
 
