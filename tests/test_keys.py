@@ -20,6 +20,7 @@ from pydantic import BaseModel
 
 from testfield.chain import keys
 from testfield.chain.run import field_key as run_field_key
+from testfield.chain.truth import Truth
 from testfield.evaluate.case import changed
 from testfield.registry import module_of, names
 from testfield.scene.build import build_world
@@ -193,6 +194,8 @@ count = 2
 low_mm = [-500, -3100, 900]
 high_mm = [500, -3000, 1400]
 """
+SEVERAL: dict[str, Any] = {"width_px": 1280, "height_px": 1024, "focus_mm": 3000}
+LOOKING = {"rotation_deg": [90, 0, 0]}
 VARIANTS: dict[str, dict[str, Any]] = {
     "base": {},
     "sheared": {"camera.lens": "brown_shear"},
@@ -202,6 +205,30 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "map": {"room.environment": {"kind": "map", "file": "light.png"}},
     "ambient": {"room.environment": None, "room.ambient_w_m2_sr": 0.5},
     "global": {"exposure.shutter": "global", "exposure.row_time_us": 0},
+    "several": {
+        "camera": None,
+        "target_motion": None,
+        "cameras": [
+            SEVERAL | {"name": "left", "lens": "brown_shear"},
+            SEVERAL | {"name": "right", "focal_length_mm": 13.0},
+            SEVERAL | {"name": "alone", "lens": "rational"},
+        ],
+        "rigs": [
+            {
+                "name": "bar",
+                "cameras": [
+                    {"camera": "left", "position_mm": [-300, 0, 0]},
+                    {"camera": "right", "position_mm": [300, 0, 0], "u_position_mm": 0.1, "u_rotation_deg": 0.01},
+                ],
+            },
+        ],
+        "scale_bars.0.moves": [{"position_mm": [0, 0, 1300]}],
+        "stations": [
+            {"name": "one", "rig": "bar", "position_mm": [0, -3000, 1000]},
+            {"generator": "pose", "name": "two", "camera": "alone", "position_mm": [0, -3000, 1100], **LOOKING},
+            {"generator": "arc", "rig": "bar", "count": 2, "radius_mm": 3000, "height_mm": 1200},
+        ],
+    },
     "plain sensor": {"sensor": {}},
     "stuck": {
         "check_targets": [
@@ -472,12 +499,41 @@ TABLE: dict[str, list[Change]] = {
         ("check_targets.0.within_deg", 180, (R,)),
         ("check_targets.0.seed", 1, (R,)),
     ],
+    "several": [
+        ("cameras.0.width_px", 1290, (R, C)),
+        ("cameras.0.height_px", 1030, (R, C)),
+        ("cameras.0.pixel_pitch_um", 3.5, (R, E)),
+        ("cameras.0.f_number", 9, (R, E)),
+        ("cameras.0.lens", "brown", (R, C, P)),
+        ("cameras.0.focal_length_mm", 12.5, (R,)),
+        ("cameras.0.aspect", 1.01, (R,)),
+        ("cameras.0.principal_point_offset_px", [1, 0], (R,)),
+        *((f"cameras.0.{name}", 0.001, (R,)) for name in ("k1", "k2", "k3", "p1", "p2", "shear")),
+        *((f"cameras.2.{name}", 0.001, (R,)) for name in ("k4", "k5", "k6", "s1", "s2", "s3", "s4")),
+        ("cameras.0.psf_sigma_px", 0.7, (R,)),
+        ("cameras.0.diffraction", True, (R,)),
+        ("cameras.0.focus_mm", 3100, (R,)),
+        ("cameras.0.vignetting", [0.1, 0, 0], (R,)),
+        ("cameras.0.natural_vignetting", True, (R,)),
+        # What a rig is designed as, the calibration is told.
+        ("rigs.0.cameras.0.position_mm", [-310, 0, 0], (R, C)),
+        ("rigs.0.cameras.0.rotation_deg", [0, 1, 0], (R, C)),
+        ("rigs.0.cameras.1.u_position_mm", 0.2, (C,)),
+        ("rigs.0.cameras.1.u_rotation_deg", 0.02, (C,)),
+        ("scale_bars.0.moves.0.position_mm", [0, 0, 1320], (R,)),
+        ("scale_bars.0.moves.0.direction", [1, 0, 0.1], (R,)),
+        ("scale_bars.0.moves.0.normal", [0, -1, 0.1], (R,)),
+        ("stations.1.name", "other", (R,)),
+        ("stations.1.position_mm", [0, -3000, 1150], (R,)),
+        ("stations.1.rotation_deg", [91, 0, 0], (R,)),
+    ],
     "global": [("exposure.shutter", "rolling", ())],  # all rows still begin together
     "plain sensor": [("sensor.preset", "IMX900-LCG", (R, E))],  # the pixels' size besides
 }
 KINDS = {"kind", "generator"}
 """What says which model a table is: another value is another table."""
-UNNAMED = {"MeshPart.name", "MeshPart.file", "CheckOnMesh.mesh"}
+UNNAMED = {"MeshPart.name", "MeshPart.file", "CheckOnMesh.mesh", "NamedCameraPart.name", "RigPart.name"}
+REFERENCES = {"camera", "rig"}
 """Leaves that are changed in tests of their own."""
 
 
@@ -507,12 +563,16 @@ def table_of(variant: str) -> dict[str, Any]:
 
 def keys_of(scene: SceneFile, world: World | None = None) -> dict[str, Any]:
     """The keys of all stages, other stages' files being the same whatever the scene says."""
-    world = build_world(scene) if world is None else world
-    sheet = world.field
-    rendered = keys.render_keys(scene, world)
+    if world is None:
+        truth = Truth.of(scene, "all.toml")
+        world, sheet = truth.world, truth.told
+        parts = [(part.scene, own) for part, own in zip(truth.parts, truth.worlds, strict=True)]
+    else:
+        parts, sheet = [(scene, world)], world.field
+    rendered = [keys.render_keys(*part) for part in parts]
     return {
-        R: (rendered.images if scene.render.mode == "path" else (rendered.light, rendered.images)),
-        E: keys.expose_key(scene, "one", "radiance"),
+        R: [one.images if scene.render.mode == "path" else (one.light, one.images) for one in rendered],
+        E: [keys.expose_key(part, "one", "radiance") for part, _ in parts],
         D: keys.detect_key(scene, sheet, ["frame"]),
         C: keys.calibrate_key(scene, sheet, "observations"),
         P: keys.reconstruct_key(scene, sheet, "observations", "calibration"),
@@ -571,16 +631,9 @@ def test_no_leaf_of_the_schema_is_left_out_of_the_table(place: Path) -> None:
             for step in way:
                 part = part[int(step)] if step.isdigit() else getattr(part, step)
             reached.add(f"{type(part).__name__}.{last}")
-    every = {leaf for leaf in leaves(SceneFile, set()) if leaf.split(".")[1] not in KINDS}
-    assert not {leaf for leaf in every - reached if not of_several(leaf)}
+    every = {leaf for leaf in leaves(SceneFile, set()) if leaf.split(".")[1] not in KINDS | REFERENCES}
+    assert not every - reached
     assert not reached - every
-
-
-def of_several(leaf: str) -> bool:
-    """Whether a field belongs to several cameras, rigs or times: tests/test_keys_several.py has those."""
-    part, field = leaf.split(".")
-    several = ("MovePart", "NamedCameraPart", "RigMemberPart", "RigPart", "StationPose")
-    return part in several or (part.startswith("Station") and field in ("camera", "rig"))
 
 
 def test_a_mesh_and_what_sticks_to_it_are_renamed_together(place: Path) -> None:
@@ -588,6 +641,16 @@ def test_a_mesh_and_what_sticks_to_it_are_renamed_together(place: Path) -> None:
     new, old = keys_of(parsed(renamed, place)), before("base", place)
     # The stickers' codes and sizes are told, not what they stick to; the mesh's name names a file of the run.
     assert {stage for stage in old if new[stage] != old[stage]} == {R, "score", "report"}
+
+
+def test_a_camera_or_a_rig_is_renamed_with_what_refers_to_it(place: Path) -> None:
+    old = before("several", place)
+    for renamed, expected in (
+        ({"cameras.2.name": "lonely", "stations.1.camera": "lonely"}, {C}),
+        ({"rigs.0.name": "beam", "stations.0.rig": "beam", "stations.2.rig": "beam"}, {C}),
+    ):
+        new = keys_of(parsed(changed(table_of("several"), renamed), place))
+        assert {stage for stage in old if new[stage] != old[stage]} == {*expected, "score", "report"}
 
 
 def test_a_mesh_counts_by_what_is_in_its_file(place: Path) -> None:
@@ -636,6 +699,7 @@ EDITS = [
     (C, "adjust/normal.py"), (C, "calibrate/settle.py"), (C, "camera/circle.py"),
     (P, "reconstruct/gls.py"), (P, "reconstruct/estimate.py"),
     (D, "measure/pipeline.py"), (C, "measure/pipeline.py"), (P, "measure/pipeline.py"),
+    (D, "targets/kinds/charuco.py"), (C, "targets/kinds/charuco.py"),
     ("score", "score/detection.py"), ("score", "score/align.py"), ("score", "scene/truth.py"),
     ("report", "report/page.html"), ("report", "report/figures.py"), ("report", "score/points.py"),
 ]  # fmt: skip

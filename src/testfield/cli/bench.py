@@ -40,12 +40,40 @@ def add(commands: Any) -> None:
     one.add_argument("--run", type=Path, metavar="RUN", help="the folder of a rendered run to expose again instead")
     one.add_argument("--trials", type=int, default=50, metavar="N", help="worlds or exposures (default: 50)")
 
+    one = _tool(tools, "cameras", _cameras, "several cameras together against each one alone, on a run's images")
+    one.add_argument("run", type=Path, metavar="RUN", help="the folder of a run with several cameras")
+
 
 def _tool(tools: Any, name: str, act: Callable[[argparse.Namespace], int], what: str) -> argparse.ArgumentParser:
     p: argparse.ArgumentParser = tools.add_parser(name, help=what, description=f"{what[0].upper()}{what[1:]}.")
     p.add_argument("--json", action="store_true", help="print one JSON object")
     p.set_defaults(act=act)
     return p
+
+
+def _cameras(args: argparse.Namespace) -> int:
+    import json
+
+    from testfield.bench.cameras import together_and_alone
+    from testfield.chain.run import resume
+    from testfield.score.scorecard import plain
+
+    rows = together_and_alone(resume(args.run, 1))
+    if args.json:
+        print(json.dumps({"cameras": plain(rows)}))
+        return 0
+    titles = f"{'corner, px':>11}{'in images, px':>15}{'stated u':>10}{'NEES':>7}{'RMSE, mm':>10}"
+    print(f"{'camera':<12}{'calibrated':<12}{titles}")
+    for row in rows:
+        head = f"{row['camera']:<12}{row['calibrated']:<12}"
+        if "failed" in row:
+            print(f"{head}  {row['failed']}")
+            continue
+        print(
+            f"{head}{row['corner_error_px']:>11.4f}{row['imaging_error_px'] or float('nan'):>15.4f}"
+            f"{row['imaging_u_px'] or float('nan'):>10.4f}{row['interior_anees']:>7.2f}{row['rmse_mm']:>10.4f}"
+        )
+    return 0
 
 
 def _tell(what: str) -> None:
