@@ -23,8 +23,8 @@ from testfield.detect.detect import Targets
 from testfield.detect.observations import MEASURED
 from testfield.measure.photographs import Measurement, _lengths
 from testfield.report.measured import write_measurement
-from testfield.report.study import as_html
 from testfield.score.align import aligned_covariance, rigid_basis
+from testfield.study.page import as_html
 from testfield.study.study import Table
 from testfield.targets.field_file import FieldFile
 from testfield.uncertainty.monte_carlo import MonteCarlo, adaptive, validate

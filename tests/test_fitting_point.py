@@ -8,11 +8,11 @@ import pytest
 
 from testfield.errors import TestfieldError
 from testfield.reconstruct.points import Points
-from testfield.report.study import as_html, drawn, write_page
 from testfield.scene.build import build_world
 from testfield.scene.load import load_scene
 from testfield.statistics.consistency import hit_band
 from testfield.study.finding import Outcome
+from testfield.study.page import as_html, drawn, write_page
 from testfield.study.study import Extent, run_study
 from testfield.uncertainty.fitting_point import FittedPoint, fit_point, without_correlation
 from testfield_studies.fitting_point.experiment import ALL, LAYOUTS, VERTEX, cases, fits, true_positions

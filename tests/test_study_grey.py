@@ -16,13 +16,13 @@ from testfield.camera.project import project
 from testfield.errors import TestfieldError
 from testfield.evaluate.case import changed
 from testfield.evaluate.execute import do_case
-from testfield.report.study import write_page
 from testfield.scene.check import check_scene
 from testfield.scene.load import parse_scene
 from testfield.scene.truth import see
 from testfield.score.scorecard import plain
 from testfield.seeds import generator
 from testfield.study.finding import Outcome
+from testfield.study.page import write_page
 from testfield.study.study import Extent, Results, run_study
 from testfield_studies.grey import design as grey_design
 from testfield_studies.grey import page as grey_page

@@ -11,9 +11,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from testfield.report.study import drawn, write_page
 from testfield.score.scorecard import plain
 from testfield.study.finding import Outcome
+from testfield.study.page import drawn, write_page
 from testfield.study.study import Extent, Results, summary
 from testfield_studies.stitching.experiment import NO_BAR
 from testfield_studies.stitching.page import STUDY

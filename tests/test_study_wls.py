@@ -18,7 +18,6 @@ from testfield.reconstruct.opponents import _opencv, by_opponent
 from testfield.reconstruct.points import Points
 from testfield.reconstruct.sights import sights_of
 from testfield.registry import find, register
-from testfield.report.study import as_html, drawn, write_page
 from testfield.scene.build import build_world
 from testfield.scene.load import parse_scene
 from testfield.scene.schema import SceneFile
@@ -29,6 +28,7 @@ from testfield.simulate.observations import draw_observations
 from testfield.statistics.decide import Side
 from testfield.statistics.jackknife import jackknife_ratio as ratio
 from testfield.study.finding import Outcome
+from testfield.study.page import as_html, drawn, write_page
 from testfield.study.study import Extent, run_study
 from testfield_studies.truth import exact_calibration
 from testfield_studies.wls.cells import cells, told

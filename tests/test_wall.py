@@ -55,8 +55,6 @@ MAY_IMPORT: dict[str, tuple[str, ...]] = {
 
 A run writes its own page, so `report` stands under `chain`: it knows types and never runs anything.
 """
-EXCEPTIONS = {("report/study.py", "study"): "the page of a study knows the study's types, which still live there"}
-"""Arrows that run back up, by file, and why."""
 
 
 def room_of(path: Path) -> str:
@@ -81,7 +79,7 @@ def test_every_room_imports_only_what_the_table_allows() -> None:
         f"{path.relative_to(ROOT)} -> {room}"
         for path in sorted(ROOT.rglob("*.py"))
         for room in sorted(rooms_imported(path))
-        if room not in MAY_IMPORT.get(room_of(path), ()) and (str(path.relative_to(ROOT)), room) not in EXCEPTIONS
+        if room not in MAY_IMPORT.get(room_of(path), ())
     ]
     assert not wrong
 
@@ -92,9 +90,9 @@ def test_the_table_has_no_circle_and_no_arrow_that_runs_back_up() -> None:
         assert set(below) <= set(order[:place]), room
 
 
-def test_every_exception_is_still_there() -> None:
-    for file, room in EXCEPTIONS:
-        assert room in rooms_imported(ROOT / file)
+def test_the_package_does_not_know_the_studies_that_use_it() -> None:
+    for path in ROOT.rglob("*.py"):
+        assert not {name for name in imports(path) if name.split(".")[0] == "testfield_studies"}, path
 
 
 @pytest.mark.parametrize("room", MEASURING)

@@ -97,7 +97,7 @@ def run_study(study: Study, folder: Path, quick: bool, jobs: int, so_far: bool =
     With `so_far` nothing is done any more: the findings are those of the finished cases. Raises `TestfieldError` where
     there are none, or where all failed.
     """
-    from testfield.report.study import write_page
+    from testfield.study.page import write_page
 
     cases = study.cases(quick)
     table = execute(cases, folder, jobs, study.name, so_far)
