@@ -27,10 +27,25 @@ UPRIGHT = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
 """Datum-from-board of B: its face looks along the datum's -y."""
 PLAIN = [(-30.0, -40), (30, -40), (-30, 40), (30, 40)]
 """Four dots, each 50 mm from the board's middle."""
-CHECKS = {21: (1000, 0, 0), 22: (-1000, 0, 0), 23: (0, 600, 0), 24: (0, -600, 0), 25: (0, 0, 500), 26: (0, 0, -500),
-          27: (700, 700, 700)}  # fmt: skip
-BARS = {31: (0, 0, 2000), 32: (900.001, 0, 2000), 33: (0, 0, 3000), 34: (0, 700.002, 3000), 35: (0, 0, 4000),
-        36: (0, 0, 4499.999), 37: (0, 0, 6000), 38: (0, 300, 6000)}  # fmt: skip
+CHECKS = {
+    21: (1000, 0, 0),
+    22: (-1000, 0, 0),
+    23: (0, 600, 0),
+    24: (0, -600, 0),
+    25: (0, 0, 500),
+    26: (0, 0, -500),
+    27: (700, 700, 700),
+}
+BARS = {
+    31: (0, 0, 2000),
+    32: (900.001, 0, 2000),
+    33: (0, 0, 3000),
+    34: (0, 700.002, 3000),
+    35: (0, 0, 4000),
+    36: (0, 0, 4499.999),
+    37: (0, 0, 6000),
+    38: (0, 300, 6000),
+}
 LOOSE = {code: np.array(xyz, float) for code, xyz in (CHECKS | BARS).items()}
 DOT_PX = 20.0
 _STATIONS = Poses(np.array([np.eye(3)] * 2), np.array([[0.0, 0, 5000], [500, 0, 5000]]))
@@ -72,14 +87,21 @@ def _world() -> World:
         board, point, code = board + [b] * len(xy), point + [*range(len(xy))], code + codes
     n, k = len(code), len(LOOSE)
     panels = Panels(
-        (*"ABC", *(f"card {c}" for c in LOOSE)), Poses.join([boards, cards]), np.full((3 + k, 2), 200.0),
-        np.full(3 + k, 0.1), np.full(3 + k, 0.8),
-    )  # fmt: skip
+        (*"ABC", *(f"card {c}" for c in LOOSE)),
+        Poses.join([boards, cards]),
+        np.full((3 + k, 2), 200.0),
+        np.full(3 + k, 0.1),
+        np.full(3 + k, 0.8),
+    )
     marks = TrueMarks(
-        np.array([*board, *range(3, 3 + k)]), np.concatenate([*on, np.zeros((k, 2))]), np.full(n + k, 10.0),
-        np.array([*code, *LOOSE]), np.array([BOARD] * n + [CHECK] * len(CHECKS) + [BAR] * len(BARS)),
-        np.array([*board, *[-1] * k]), np.array([*point, *[-1] * k]),
-    )  # fmt: skip
+        np.array([*board, *range(3, 3 + k)]),
+        np.concatenate([*on, np.zeros((k, 2))]),
+        np.full(n + k, 10.0),
+        np.array([*code, *LOOSE]),
+        np.array([BOARD] * n + [CHECK] * len(CHECKS) + [BAR] * len(BARS)),
+        np.array([*board, *[-1] * k]),
+        np.array([*point, *[-1] * k]),
+    )
     bars = (
         ScaleBar("control bar", "control", (31, 32), 900.0, 0.006),
         ScaleBar("check one", "check", (33, 34), 700.0, 0.003),
@@ -89,9 +111,20 @@ def _world() -> World:
     sheet = Field(14, tuple(sheets), bars, dict.fromkeys(LOOSE, 10.0))
     interior = Interior(1000, 800, np.array([1000.0, 1000, 499.5, 399.5, 0, 0, 0, 0, 0]))
     return World(
-        "by hand", 1, 5000.0, panels, marks, boards, ("left", "right"),
-        _STATIONS.after(Poses.join([datum, datum]).inverse()), interior, 0.6, (), 0.5, sheet,
-    )  # fmt: skip
+        "by hand",
+        1,
+        5000.0,
+        panels,
+        marks,
+        boards,
+        ("left", "right"),
+        _STATIONS.after(Poses.join([datum, datum]).inverse()),
+        interior,
+        0.6,
+        (),
+        0.5,
+        sheet,
+    )
 
 
 def _at(station: int, mark: int) -> np.ndarray:
@@ -172,19 +205,44 @@ def _calibration(world: World) -> Calibration:
         {"board": "B", "images": 3, "links": None, "u_position_mm": 0.0789, "u_turn_mrad": 0.0321},
     )
     test = {
-        "variance": 1.125, "low": 0.91, "high": 1.09, "freedom": 250, "passed": False, "least_redundancy": 0.125,
-        "uncontrolled": 3, "contradict": 4, "contradict_at_most": 2, "detectable_px": 0.345,
-    }  # fmt: skip
+        "variance": 1.125,
+        "low": 0.91,
+        "high": 1.09,
+        "freedom": 250,
+        "passed": False,
+        "least_redundancy": 0.125,
+        "uncontrolled": 3,
+        "contradict": 4,
+        "contradict_at_most": 2,
+        "detectable_px": 0.345,
+    }
     rejected = (
         {"station": "left", "board": "A", "x_px": 12.3, "y_px": 45.6, "sigmas": 7.8, "why": "odd"},
         {"station": "right", "board": "", "x_px": 65.4, "y_px": 32.1, "sigmas": 9.8},
     )
     return Calibration(
-        "hand", world.interior.with_parameters(np.array([1001.0, 1001, 499.8, 399.5, 0, 0, 0, 0, 0])),
-        world.station_name, _STATIONS, ("A", "C", "B"), boards, 1.000035, covariance, labels, 1.05, 250, 0.123,
-        321, rejected, np.array([[100.0, 100], [900, 150], [500, 700]]), np.array([[0.1, 0.0]] * 3),
-        (("left", "A", 6), ("right", "B", 4), ("left", "C", 2)), ("a note",), joints, quality, test,
-    )  # fmt: skip
+        "hand",
+        world.interior.with_parameters(np.array([1001.0, 1001, 499.8, 399.5, 0, 0, 0, 0, 0])),
+        world.station_name,
+        _STATIONS,
+        ("A", "C", "B"),
+        boards,
+        1.000035,
+        covariance,
+        labels,
+        1.05,
+        250,
+        0.123,
+        321,
+        rejected,
+        np.array([[100.0, 100], [900, 150], [500, 700]]),
+        np.array([[0.1, 0.0]] * 3),
+        (("left", "A", 6), ("right", "B", 4), ("left", "C", 2)),
+        ("a note",),
+        joints,
+        quality,
+        test,
+    )
 
 
 SHIFT_MM = np.array([0.010, 0.020, -0.020])

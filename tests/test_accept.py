@@ -49,9 +49,20 @@ def exact(scene: SceneFile) -> World:
 def calibrated(world: World) -> Calibration:
     """A calibration that says no more than which board is the datum."""
     return Calibration(
-        "none", world.interior, world.station_name, world.camera_from_world, (world.field.boards[0].name,),
-        Poses.identity(1), 1.0, np.zeros((0, 0)), (), 1.0, 1, 0.0, 0,
-    )  # fmt: skip
+        "none",
+        world.interior,
+        world.station_name,
+        world.camera_from_world,
+        (world.field.boards[0].name,),
+        Poses.identity(1),
+        1.0,
+        np.zeros((0, 0)),
+        (),
+        1.0,
+        1,
+        0.0,
+        0,
+    )
 
 
 def true_points(world: World, u_mm: float = 0.01) -> Points:
@@ -189,9 +200,14 @@ def test_a_target_that_was_not_measured_leaves_the_test_incomplete(scene: SceneF
     kept = points.code != 403
     index = np.repeat(kept, 3)
     fewer = Points(
-        "true", points.code[kept], points.xyz_mm[kept], points.cov_xyz_mm2[np.ix_(index, index)], points.rays[kept],
-        points.residual_rms_px[kept], points.rejected[kept],
-    )  # fmt: skip
+        "true",
+        points.code[kept],
+        points.xyz_mm[kept],
+        points.cov_xyz_mm2[np.ix_(index, index)],
+        points.rays[kept],
+        points.residual_rms_px[kept],
+        points.rejected[kept],
+    )
     card, _ = acceptance(scene, exact, calibrated(exact), fewer, TIGHT)
     assert card["verdict"]["verdict"] == "incomplete"
     assert card["lengths"]["missing"] == [{"line": "diagonal 1", "codes": [401, 403]}]
@@ -200,9 +216,13 @@ def test_a_target_that_was_not_measured_leaves_the_test_incomplete(scene: SceneF
 def _lengths(calibrated_mm: np.ndarray, dl_mm: np.ndarray, u_calibrated_mm: float = 0.0) -> MeasuredLengths:
     n = len(calibrated_mm)
     return MeasuredLengths(
-        ("line",) * n, np.arange(2 * n).reshape(n, 2), calibrated_mm, np.full(n, u_calibrated_mm),
-        calibrated_mm + dl_mm, 0.01**2 * np.eye(n),
-    )  # fmt: skip
+        ("line",) * n,
+        np.arange(2 * n).reshape(n, 2),
+        calibrated_mm,
+        np.full(n, u_calibrated_mm),
+        calibrated_mm + dl_mm,
+        0.01**2 * np.eye(n),
+    )
 
 
 def test_the_envelope_is_the_lowest_that_holds_all_errors() -> None:

@@ -119,9 +119,12 @@ def test_the_disc_of_the_tangent_plane_would_not_do(world: World) -> None:
     """The contour's own bend shows in the centre of its area."""
     views, n = see(world), len(world.marks)
     tangent = disc_image(
-        world.interior, world.camera_from_world[np.zeros(n, int)], world.mark_world_mm, world.mark_normal,
+        world.interior,
+        world.camera_from_world[np.zeros(n, int)],
+        world.mark_world_mm,
+        world.mark_normal,
         world.marks.diameter_mm / 2,
-    )  # fmt: skip
+    )
     bent = world.panels.bent[world.marks.panel] & (views.visible[0] == 1)
     difference = np.abs(tangent.centroid_px - views.disc_px[0])
     assert difference[bent].max() > 2e-4
@@ -210,15 +213,21 @@ def observe(world: World) -> Observations:
     station, mark = np.nonzero((views.visible == 1) & (views.obliquity_deg < 75))
     n = len(mark)
     poses, normal = world.camera_from_world[station], world.mark_normal[mark]
-    image = disc_image(
-        world.interior, poses, world.mark_world_mm[mark], normal, world.marks.diameter_mm[mark] / 2
-    )  # fmt: skip
+    image = disc_image(world.interior, poses, world.mark_world_mm[mark], normal, world.marks.diameter_mm[mark] / 2)
     marks = world.marks
     return Observations(
-        world.station_name, station, views.disc_px[station, mark], np.tile(1e-4 * np.eye(2), (n, 1, 1)),
-        image.moments_px2, marks.code[mark], marks.board[mark], marks.point[mark], np.ones(n),
-        np.full(n, MEASURED, object), centre_of_disc=True,
-    )  # fmt: skip
+        world.station_name,
+        station,
+        views.disc_px[station, mark],
+        np.tile(1e-4 * np.eye(2), (n, 1, 1)),
+        image.moments_px2,
+        marks.code[mark],
+        marks.board[mark],
+        marks.point[mark],
+        np.ones(n),
+        np.full(n, MEASURED, object),
+        centre_of_disc=True,
+    )
 
 
 def test_a_calibration_told_that_boards_are_flat_finds_that_they_are_not() -> None:

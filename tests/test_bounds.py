@@ -20,7 +20,8 @@ CASES = {
     "huge normal": (("normal = [-0.45, -1, 0.3]", "normal = [1e300, 0, 0]"), ["boards[2].normal", "1e+300"]),
     "tiny normal": (("normal = [-0.45, -1, 0.3]", "normal = [1e-300, 0, 0]"), ["boards[2].normal", "1e-06"]),
     "tiny normal of a lamp": (
-        ("normal = [-0.1, 0.5, -1]\nradiance", "normal = [0, 1e-300, 0]\nradiance"), ["room.lights[0].normal"],
+        ("normal = [-0.1, 0.5, -1]\nradiance", "normal = [0, 1e-300, 0]\nradiance"),
+        ["room.lights[0].normal"],
     ),
     "code of 2^63": (("codes = [101, 102]", "codes = [101, 9223372036854775808]"), ["scale_bars[0].codes", "1e+09"]),
     "code of 1e30": (("codes = [101, 102]", f"codes = [101, {10**30}]"), ["scale_bars[0].codes", "1e+30"]),
@@ -32,8 +33,8 @@ CASES = {
     "1e9 stations": (("[render]", f"{RANDOM}\n[render]"), ["stations", "1000000000"]),
     "a name of 5,000": (('name = "B"', f'name = "{"x" * 5000}"'), ["boards[1].name", "80"]),
     "a text of a million": (('description = "', f'description = "{"x" * 10**6}'), ["description", "10000"]),
-    "no rolls": (("[render]", '[[stations]]\nposition_mm = [0, -2000, 500]\nroll_deg = []\n\n[render]'), ["roll_deg"]),
-}  # fmt: skip
+    "no rolls": (("[render]", "[[stations]]\nposition_mm = [0, -2000, 500]\nroll_deg = []\n\n[render]"), ["roll_deg"]),
+}
 
 
 @pytest.mark.parametrize("name", CASES)

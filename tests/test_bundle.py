@@ -39,11 +39,24 @@ def true_network(flat: bool = False) -> Network:
     station, point = (v.ravel() for v in np.meshgrid(np.arange(8), np.arange(62), indexing="ij"))
     n = len(station)
     network = Network(
-        (Camera.of(camera),), stations, Images.one_camera(8), boards, (HELD, FREE), local, owner, local,
-        information_of(u), station, point, np.zeros((n, 2)), np.tile(SIGMA_PX**2 * np.eye(2), (n, 1, 1)),
-        np.zeros((n, 2)), Distances(np.array([[60, 61]]), np.linalg.norm(local[60:61] - local[61:], axis=1), U_BAR),
-        1.0, 3e-5,
-    )  # fmt: skip
+        (Camera.of(camera),),
+        stations,
+        Images.one_camera(8),
+        boards,
+        (HELD, FREE),
+        local,
+        owner,
+        local,
+        information_of(u),
+        station,
+        point,
+        np.zeros((n, 2)),
+        np.tile(SIGMA_PX**2 * np.eye(2), (n, 1, 1)),
+        np.zeros((n, 2)),
+        Distances(np.array([[60, 61]]), np.linalg.norm(local[60:61] - local[61:], axis=1), U_BAR),
+        1.0,
+        3e-5,
+    )
     return replace(network, xy_px=predict(network))
 
 

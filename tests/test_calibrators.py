@@ -89,9 +89,18 @@ def seen(
     xy = xy + (SIGMA_PX * noise.standard_normal(xy.shape) if noise else 0)
     inside = np.isfinite(xy).all(axis=1) & (np.abs(xy - MIDDLE) < np.add(MIDDLE, 0.5)).all(axis=1)
     rows = Observations(
-        tuple(f"s{i}" for i in range(count)), s, xy, np.tile(SIGMA_PX**2 * np.eye(2), (n, 1, 1)), image.moments_px2,
-        code[k], board[k], point[k], np.ones(n), np.full(n, MEASURED, object), discs,
-    )  # fmt: skip
+        tuple(f"s{i}" for i in range(count)),
+        s,
+        xy,
+        np.tile(SIGMA_PX**2 * np.eye(2), (n, 1, 1)),
+        image.moments_px2,
+        code[k],
+        board[k],
+        point[k],
+        np.ones(n),
+        np.full(n, MEASURED, object),
+        discs,
+    )
     return rows.take(inside)
 
 
@@ -138,9 +147,9 @@ def nees(found: Calibration, camera: Interior, first: int = 0) -> float:
 
 
 def test_every_method_is_announced() -> None:
-    assert {
-        "stitched", "stitched_given", "zhang", "tsai", "dlt", "opencv", "opencv_ro", "colmap",
-    } <= set(names("calibrators"))  # fmt: skip
+    assert {"stitched", "stitched_given", "zhang", "tsai", "dlt", "opencv", "opencv_ro", "colmap"} <= set(
+        names("calibrators")
+    )
 
 
 EXACT = {
@@ -222,9 +231,14 @@ def test_opencv_on_the_same_observations_finds_the_same_minimum_and_the_same_sta
     here = [np.flatnonzero((rows.station == s) & (rows.board == 0)) for s in range(9)]
     xyz = np.column_stack([GRID, np.zeros(30)]).astype(np.float32)
     _, _, _, _, _, sigma, _, _ = cv2.calibrateCameraExtended(
-        [xyz[rows.point[v]] for v in here], [rows.xy_px[v].astype(np.float32) for v in here], (WIDTH, HEIGHT),
-        theirs.interior.matrix, np.zeros(5), flags=cv2.CALIB_USE_INTRINSIC_GUESS, criteria=CRITERIA,
-    )  # fmt: skip
+        [xyz[rows.point[v]] for v in here],
+        [rows.xy_px[v].astype(np.float32) for v in here],
+        (WIDTH, HEIGHT),
+        theirs.interior.matrix,
+        np.zeros(5),
+        flags=cv2.CALIB_USE_INTRINSIC_GUESS,
+        criteria=CRITERIA,
+    )
     at = theirs.index(["fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3"])
     claimed = np.sqrt(theirs.covariance[at, at])
     ratio = claimed / sigma.ravel()[:9]

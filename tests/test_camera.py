@@ -61,8 +61,9 @@ def test_a_fisheye_is_inverted_to_its_last_valid_angle(name: str) -> None:
     assert np.abs(back / np.linalg.norm(back, axis=-1, keepdims=True) - rays)[steep].max() < 1e-12
     if last < 3:
         edge = camera.parameters[:4] @ [[0, 0], [0, 0], [1, 0], [0, 1]] + [
-            camera.fx * camera.lens.radial(last, camera.parameters[4:])[0] + 0.01, 0
-        ]  # fmt: skip
+            camera.fx * camera.lens.radial(last, camera.parameters[4:])[0] + 0.01,
+            0,
+        ]
         assert np.isnan(directions(camera, edge)).all()
         beyond = [np.sin(1.01 * last), 0, np.cos(1.01 * last)]
         assert np.isnan(project_camera(camera, np.array([beyond]))).all()

@@ -78,8 +78,10 @@ def test_a_rig_shares_one_place_among_its_cameras(stereo: tuple, measured: Measu
 
 def test_a_rig_that_is_held_makes_the_cameras_better(stereo: tuple, measured: Measured) -> None:
     free = measure(stereo[2], stereo[1].told, Recipe(calibrator=Algorithm("stitched", {"rigs": "free"})))
-    rows = [[c.index([f"camera:left.{name}"])[0] for name in ("fx", "cx", "cy")] for c in
-            (measured.calibration, free.calibration)]  # fmt: skip
+    rows = [
+        [c.index([f"camera:left.{name}"])[0] for name in ("fx", "cx", "cy")]
+        for c in (measured.calibration, free.calibration)
+    ]
     held, apart = (
         np.diag(c.covariance)[row] for c, row in zip((measured.calibration, free.calibration), rows, strict=True)
     )

@@ -10,14 +10,30 @@ import pytest
 
 CASES = Path(__file__).parents[2] / "shared" / "cases"
 MENDED = (
-    "squares_crash", "wide_lens_marks_discarded", "two_bars_contradict", "mirrored_world",
-    "fisheye_refused", "peer_numbers_traceback", "apriltag_corner_numbers", "lamp_hides_tags", "mesh_body_inside_out",
-    "dollar_in_a_name", "archive_as_mesh", "scenes_traceback",
-)  # fmt: skip
+    "squares_crash",
+    "wide_lens_marks_discarded",
+    "two_bars_contradict",
+    "mirrored_world",
+    "fisheye_refused",
+    "peer_numbers_traceback",
+    "apriltag_corner_numbers",
+    "lamp_hides_tags",
+    "mesh_body_inside_out",
+    "dollar_in_a_name",
+    "archive_as_mesh",
+    "scenes_traceback",
+)
 LONG = (
-    "own_frame_lost_when_killed", "workers_outlive_kill", "second_run_breaks_first", "disk_errors_traceback",
-    "edited_scene_unnoticed", "damaged_run_files", "latin1_locale", "wrong_sheet_unnamed", "clean_paper_saturated",
-)  # fmt: skip
+    "own_frame_lost_when_killed",
+    "workers_outlive_kill",
+    "second_run_breaks_first",
+    "disk_errors_traceback",
+    "edited_scene_unnoticed",
+    "damaged_run_files",
+    "latin1_locale",
+    "wrong_sheet_unnamed",
+    "clean_paper_saturated",
+)
 """What these show in minutes, tests named after the claim show in less."""
 
 

@@ -18,10 +18,19 @@ from testfield.registry import find, names
 SHEET = SensorSheet(1.0, 2.0, 100.0, 16)
 LENS = np.array([3478.0, 3478.0, 20.0, 900.0, -0.2, 0.1, -0.05, 1e-3, -1e-3])
 SYSTEMATIC_PX = {
-    "forward_model": 2e-5, "ellipse_model": 5e-4, "template": 5e-4, "dual_conic": 1e-3, "star": 1e-3,
-    "weighted_centroid": 0.01, "grey_centroid": 0.02, "edge_gradient": 0.015, "edge_zernike": 0.015,
-    "opencv_blob": 0.02, "skimage_regionprops": 0.06, "opencv_fit_ellipse": 0.12,
-}  # fmt: skip
+    "forward_model": 2e-5,
+    "ellipse_model": 5e-4,
+    "template": 5e-4,
+    "dual_conic": 1e-3,
+    "star": 1e-3,
+    "weighted_centroid": 0.01,
+    "grey_centroid": 0.02,
+    "edge_gradient": 0.015,
+    "edge_zernike": 0.015,
+    "opencv_blob": 0.02,
+    "skimage_regionprops": 0.06,
+    "opencv_fit_ellipse": 0.12,
+}
 """What the pixels' grid may do to each on noise-free discs of 12 to 24 px, rms; the rest is for nobody to have."""
 PROPER = sorted(set(SYSTEMATIC_PX) - {"opencv_blob", "skimage_regionprops", "opencv_fit_ellipse"})
 

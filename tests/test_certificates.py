@@ -182,9 +182,14 @@ def test_good_certificates_are_named_at_the_stated_rate() -> None:
         y = np.linalg.cholesky(cov) @ rng.standard_normal(n)
         eye = np.eye(n)
         found = snoop(
-            y + 0.01 * at, cov, at[:, None], [eye[:, [k]] for k in range(6)] + [eye[:, 6:9], eye[:, 9:]],
-            ["distance"] * 6 + ["place"] * 2, [0] * 8, 0.01,
-        )  # fmt: skip
+            y + 0.01 * at,
+            cov,
+            at[:, None],
+            [eye[:, [k]] for k in range(6)] + [eye[:, 6:9], eye[:, 9:]],
+            ["distance"] * 6 + ["place"] * 2,
+            [0] * 8,
+            0.01,
+        )
         alarms += bool(found.found)
     assert alarms <= 6
 

@@ -134,9 +134,12 @@ def test_the_command_writes_the_certificate_and_fails_where_a_verdict_does(
 
 def test_a_report_states_the_certificate_and_whether_it_is_still_valid(tmp_path: Path) -> None:
     figures = {
-        "quick": False, "passed": True, "made": "2026-01-01T00:00:00+00:00", "code": whole.renderer_digest(),
+        "quick": False,
+        "passed": True,
+        "made": "2026-01-01T00:00:00+00:00",
+        "code": whole.renderer_digest(),
         "verdicts": [vars(Verdict("light", "scatter, rms", 4e-4, 5e-4, "px", "")) | {"passed": True}],
-    }  # fmt: skip
+    }
     (tmp_path / "run").mkdir()
     assert whole.floor_of(tmp_path / "run") is None
     (tmp_path / "certificate.json").write_text(json.dumps(figures))

@@ -48,9 +48,16 @@ def test_a_check_is_json_without_infinities() -> None:
     )
     row = json.loads(json.dumps(check.row(), allow_nan=False))
     assert row == {
-        "name": "rms", "value": 0.1, "low": None, "high": 0.2, "least": None, "most": 0.3, "unit": "px",
-        "outcome": "pass" if check.passed else "open", "how": "so",
-    }  # fmt: skip
+        "name": "rms",
+        "value": 0.1,
+        "low": None,
+        "high": 0.2,
+        "least": None,
+        "most": 0.3,
+        "unit": "px",
+        "outcome": "pass" if check.passed else "open",
+        "how": "so",
+    }
 
 
 def test_a_table_has_a_line_a_check_with_value_interval_and_limit() -> None:

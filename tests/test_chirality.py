@@ -41,10 +41,18 @@ def seen() -> Observations:
     xy = project(CAMERA, poses[s], xyz[k])
     n = len(s)
     return Observations(
-        tuple(f"s{i}" for i in range(6)), s, xy,
-        np.tile(9e-4 * np.eye(2), (n, 1, 1)), np.tile(9 * np.eye(2), (n, 1, 1)),
-        1 + k, k // 20, k % 20, np.ones(n), np.full(n, MEASURED, object), False,
-    )  # fmt: skip
+        tuple(f"s{i}" for i in range(6)),
+        s,
+        xy,
+        np.tile(9e-4 * np.eye(2), (n, 1, 1)),
+        np.tile(9 * np.eye(2), (n, 1, 1)),
+        1 + k,
+        k // 20,
+        k % 20,
+        np.ones(n),
+        np.full(n, MEASURED, object),
+        False,
+    )
 
 
 def mirrored(rows: Observations, which: np.ndarray) -> Observations:

@@ -94,8 +94,14 @@ def test_every_scene_that_is_shipped_is_valid(scene: Path, capsys: pytest.Captur
 def test_codes_lists_counts_a_table_and_sets(capsys: pytest.CaptureFixture) -> None:
     assert main(["codes"]) == 0
     counts = [line.split()[::2] for line in capsys.readouterr().out.splitlines()[:6]]
-    assert [row[:2] for row in counts] == [["8", "13"], ["10", "42"], ["12", "147"], ["14", "516"], ["16", "1861"],
-                                           ["20", "24793"]]  # fmt: skip
+    assert [row[:2] for row in counts] == [
+        ["8", "13"],
+        ["10", "42"],
+        ["12", "147"],
+        ["14", "516"],
+        ["16", "1861"],
+        ["20", "24793"],
+    ]
     assert main(["codes", "--bits", "14"]) == 0
     table = [line.split() for line in capsys.readouterr().out.splitlines()]
     assert table[3][:2] == ["3", "00000010001011"] and table[13][:2] == ["13", "00000010110001"] and len(table) == 517
@@ -177,8 +183,15 @@ def test_bench_prints_what_was_counted(monkeypatch: pytest.MonkeyPatch, capsys: 
 
 def test_claims_are_printed_as_they_are_summed(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:
     group = {"nees": 1.25, "nees_band_95": [0.9, 1.1], "coverage_95": 0.935, "regions": 400}
-    figures = {"camera": group, "boards": group | {"nees": 0.5}, "check_points": group, "rmse_mm": 0.012,
-               "mean_u_mm": 0.01, "rmse_over_u": 1.2, "sigma0": 1.0125}  # fmt: skip
+    figures = {
+        "camera": group,
+        "boards": group | {"nees": 0.5},
+        "check_points": group,
+        "rmse_mm": 0.012,
+        "mean_u_mm": 0.01,
+        "rmse_over_u": 1.2,
+        "sigma0": 1.0125,
+    }
     monkeypatch.setattr("testfield.bench.claims.over_worlds", lambda *_: figures)
     assert main(["bench", "claims", "--scene", str(SCENES / "quick.toml")]) == 0
     lines = capsys.readouterr().out.splitlines()

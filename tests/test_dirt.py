@@ -93,9 +93,11 @@ def test_spots_of_ink_in_the_place_of_dots_are_those_dots(images: tuple[np.ndarr
     marks = world.marks
     dots = (marks.panel == 0) & (marks.code == 0)
     spots = Dirt(
-        marks.panel[dots], marks.xy_mm[dots], marks.diameter_mm[dots] / 2,
+        marks.panel[dots],
+        marks.xy_mm[dots],
+        marks.diameter_mm[dots] / 2,
         np.full(dots.sum(), world.panels.ink_albedo[0]),
-    )  # fmt: skip
+    )
     names = ("panel", "xy_mm", "diameter_mm", "code", "role", "board", "point")
     others = TrueMarks(*[getattr(marks, name)[~dots] for name in names])
     stage = build_stage(replace(world, marks=others, dirt=spots))

@@ -141,11 +141,12 @@ def test_trials_are_different_draws_of_pixels_and_of_certificates(
 
 def test_pixels_and_certificates_are_drawn_from_the_generator_that_is_given(by_hand: HandMade) -> None:
     o, field = by_hand.observations, by_hand.world.field
-    pixels = [draw_pixels(o, field, seed_of(1, f"{k}")).xy_px - o.xy_px
-              for k in range(4)]  # fmt: skip
+    pixels = [draw_pixels(o, field, seed_of(1, f"{k}")).xy_px - o.xy_px for k in range(4)]
     unlike(pixels)
-    sheets = [draw_certificates(by_hand.observations, by_hand.calibration, by_hand.world.field, seed_of(1, f"{k}"))[1]
-              for k in range(3)]  # fmt: skip
+    sheets = [
+        draw_certificates(by_hand.observations, by_hand.calibration, by_hand.world.field, seed_of(1, f"{k}"))[1]
+        for k in range(3)
+    ]
     assert len({bar.length_mm for sheet in sheets for bar in sheet.scale_bars[1:2]}) == 3
 
 

@@ -69,9 +69,18 @@ def test_a_measurement_counts_and_sums_as_the_hand_does(measured: tuple[Path, di
     # six check points of 9, 9 and 16 um^2, seven others of 8 um^2 each: 204 + 168 over 39 coordinates
     u_mm = (372 / 39) ** 0.5 * UM
     across = (2000.002**2 + 1299.994**2 + 6500.023**2) ** 0.5
-    expected = ["2 of 2", "17; 321", "0.1230 px", "1.05", "1001.00 px", "12; 1", f"{u_mm:.4f} mm",
-                f"1 : {across / u_mm:,.0f}", "-0.0150 mm (u 0.005 mm), FAILED: E_n -1.50",
-                "nothing failed"]  # fmt: skip
+    expected = [
+        "2 of 2",
+        "17; 321",
+        "0.1230 px",
+        "1.05",
+        "1001.00 px",
+        "12; 1",
+        f"{u_mm:.4f} mm",
+        f"1 : {across / u_mm:,.0f}",
+        "-0.0150 mm (u 0.005 mm), FAILED: E_n -1.50",
+        "nothing failed",
+    ]
     assert [value for _, value in summary["figures"]] == expected
     assert (summary["points"], summary["uncoded"], summary["sigma0"]) == (13, 1, 1.05)
     assert summary["interior_u"] == pytest.approx({"cx": 0.1, "fx": 1.0, "fy": 1.0})
@@ -83,8 +92,10 @@ def test_a_measurement_counts_and_sums_as_the_hand_does(measured: tuple[Path, di
     assert rows["code 21"] == ["1000.011", "0.020", "-0.020", "3.0", "3.0", "4.0", "2", "0.0000"]
     assert rows["code 32"][:6] == ["900.004", "0.000", "2000.000", "2.8", "2.8", "2.8"]
     assert sorted(page.table("all blobs that were looked at")) == [
-        ["measured", "17"], ["partly hidden or disturbed", "1"], ["saturated", "1"],
-    ]  # fmt: skip
+        ["measured", "17"],
+        ["partly hidden or disturbed", "1"],
+        ["saturated", "1"],
+    ]
     places = [[v if v != "-0.00" else "0.00" for v in row] for row in page.table("photograph", "x, mm")]
     assert places == [["left", "0.00", "0.00", "-5000.00", "13"], ["right", "-500.00", "0.00", "-5000.00", "4"]]
     assert ["fx", "1001.000", "1"] in page.table("parameter", "found", "u")
@@ -207,19 +218,37 @@ def test_recall_counts_what_is_found_missed_misread_and_false() -> None:
     """Six targets of 20 px: found, misread, turned down, not seen, too tilted but found, hidden but found."""
     at = np.array([[100.0 * k, 50] for k in range(1, 7)])
     view = ClutteredView(
-        None, None, at, np.array([1, 2, 3, 4, 5, 6]), np.full(6, 20.0), np.array([10.0, 30, 50, 50, 65, 10]),
+        None,
+        None,
+        at,
+        np.array([1, 2, 3, 4, 5, 6]),
+        np.full(6, 20.0),
+        np.array([10.0, 30, 50, 50, 65, 10]),
         np.array([True] * 5 + [False]),
-    )  # type: ignore[arg-type]  # fmt: skip
+    )  # type: ignore[arg-type]
     look = (
-        (at[0] + [6.9, 0], 1, MEASURED), (at[1], 7, MEASURED), (at[2], 3, "disturbed"), (at[4], 5, MEASURED),
-        (at[5], 6, MEASURED), ((900, 300), 9, MEASURED), ((950, 300), 0, MEASURED), (at[0], 1, "twice"),
-    )  # fmt: skip
+        (at[0] + [6.9, 0], 1, MEASURED),
+        (at[1], 7, MEASURED),
+        (at[2], 3, "disturbed"),
+        (at[4], 5, MEASURED),
+        (at[5], 6, MEASURED),
+        ((900, 300), 9, MEASURED),
+        ((950, 300), 0, MEASURED),
+        (at[0], 1, "twice"),
+    )
     n, none = len(look), np.zeros((len(look), 2, 2))
     found = Targets(
-        np.array([xy for xy, *_ in look], float), none, none, np.ones(n), np.ones(n),
-        np.array([code for _, code, _ in look]), none, np.array([status for *_, status in look], object),
-        np.full(n, 500.0), np.full(n, 2000.0),
-    )  # fmt: skip
+        np.array([xy for xy, *_ in look], float),
+        none,
+        none,
+        np.ones(n),
+        np.ones(n),
+        np.array([code for _, code, _ in look]),
+        none,
+        np.array([status for *_, status in look], object),
+        np.full(n, 500.0),
+        np.full(n, 2000.0),
+    )
     recall = Recall()
     count(recall, view, found)
     assert (recall.views, recall.rendered, recall.clear, recall.found, recall.right) == (1, 6, 4, 2, 1)

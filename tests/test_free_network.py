@@ -36,11 +36,22 @@ def loose_network(bar: bool = True) -> Network:
     m = len(image)
     length = np.linalg.norm(xyz[0] - xyz[1])
     network = Network(
-        (Camera.of(CAMERA),), stations, Images.one_camera(STATIONS), Poses.identity(0), (), xyz, np.full(POINTS, -1),
-        xyz, np.zeros((POINTS, 3, 3)), image, point, np.zeros((m, 2)), np.tile(SIGMA_PX**2 * np.eye(2), (m, 1, 1)),
+        (Camera.of(CAMERA),),
+        stations,
+        Images.one_camera(STATIONS),
+        Poses.identity(0),
+        (),
+        xyz,
+        np.full(POINTS, -1),
+        xyz,
+        np.zeros((POINTS, 3, 3)),
+        image,
+        point,
+        np.zeros((m, 2)),
+        np.tile(SIGMA_PX**2 * np.eye(2), (m, 1, 1)),
         np.zeros((m, 2)),
         Distances(np.array([[0, 1]]), np.array([length]), np.array([0.02])) if bar else Distances(),
-    )  # fmt: skip
+    )
     return replace(network, xy_px=predict(network))
 
 
@@ -152,11 +163,16 @@ def test_a_rig_of_two_cameras_is_found_with_its_scatter() -> None:
     )
     m = len(image)
     truth = replace(
-        one, cameras=(Camera.of(CAMERA), Camera.of(second)), members=member,
+        one,
+        cameras=(Camera.of(CAMERA), Camera.of(second)),
+        members=member,
         images=Images(np.concatenate([half, half]), np.repeat([0, 1], STATIONS), np.repeat([0, 1], STATIONS)),
-        image=image, point=point, cov_px2=np.tile(SIGMA_PX**2 * np.eye(2), (m, 1, 1)), offset_px=np.zeros((m, 2)),
+        image=image,
+        point=point,
+        cov_px2=np.tile(SIGMA_PX**2 * np.eye(2), (m, 1, 1)),
+        offset_px=np.zeros((m, 2)),
         xy_px=np.zeros((m, 2)),
-    )  # fmt: skip
+    )
     truth = replace(truth, xy_px=predict(truth))
     labels = labels_of(truth)
     rows = [labels.index(name) for name in labels if name.startswith("member:1.")]
@@ -179,10 +195,14 @@ def test_a_board_on_a_plane_stays_on_it() -> None:
     owner = np.repeat([0, 1], 20)
     boards = Poses(np.stack([np.eye(3), rotation(np.array([0, 0, 0.4]))]), np.array([[-700.0, 0, 0], [700, 200, 0]]))
     truth = replace(
-        truth, boards=boards, ways=(np.zeros((6, 0)), TURN_AND_SHIFTS),
-        point_mm=np.vstack([local, local]), known_mm=np.vstack([local, local]), point_board=owner,
+        truth,
+        boards=boards,
+        ways=(np.zeros((6, 0)), TURN_AND_SHIFTS),
+        point_mm=np.vstack([local, local]),
+        known_mm=np.vstack([local, local]),
+        point_board=owner,
         information=information_of(np.zeros((40, 3))),
-    )  # fmt: skip
+    )
     truth = replace(truth, xy_px=predict(truth))
     rough = replace(truth, boards=Poses(boards.R, boards.t_mm + [[0, 0, 0], [20, -10, 0]]))
     labels = labels_of(truth)

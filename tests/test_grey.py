@@ -99,9 +99,15 @@ def test_the_grey_uncertainty_of_small_samples_is_biased_by_law_as_tabulated(law
 
 @pytest.mark.parametrize(
     ("law", "ratio"),
-    [("normal", 0.997), ("uniform", 1.083), ("triangular", 1.021), ("Laplace", 0.884), ("arcsine", 1.125),
-     ("Rayleigh", 1.0048)],  # 2.5 sqrt(2 pi) (1 - Phi(sqrt(pi / 2))) / sqrt(2 - pi / 2)
-)  # fmt: skip
+    [
+        ("normal", 0.997),
+        ("uniform", 1.083),
+        ("triangular", 1.021),
+        ("Laplace", 0.884),
+        ("arcsine", 1.125),
+        ("Rayleigh", 1.0048),
+    ],  # 2.5 sqrt(2 pi) (1 - Phi(sqrt(pi / 2))) / sqrt(2 - pi / 2)
+)
 def test_the_grey_uncertainty_of_a_large_sample_is_another_part_of_sigma_for_every_law(law, ratio):
     found = sup_norm_uncertainty(LAWS[law](generator(5, law), (20, 100_000))).mean()
     assert found == pytest.approx(ratio, abs=0.0015)
@@ -151,12 +157,14 @@ def test_efficiencies_against_bessel_depend_on_the_law():
 # ---------------------------------------------------------------------------------------------- relational degrees
 
 LIU = np.array([[10, 9, 15, 14, 14, 15, 16], [46, 58, 70, 77, 84, 91, 98]], float)
-DENG = np.array([
-    [1, 1.1, 2, 2.25, 3, 4],
-    [1, 1.166, 1.834, 2, 2.314, 3],
-    [1, 1.125, 1.075, 1.375, 1.625, 1.75],
-    [1, 1, 0.7, 0.8, 0.9, 1.2],
-])  # fmt: skip
+DENG = np.array(
+    [
+        [1, 1.1, 2, 2.25, 3, 4],
+        [1, 1.166, 1.834, 2, 2.314, 3],
+        [1, 1.125, 1.075, 1.375, 1.625, 1.75],
+        [1, 1, 0.7, 0.8, 0.9, 1.2],
+    ]
+)
 
 
 def test_dengs_example_gives_his_coefficients_and_degrees():
@@ -221,8 +229,10 @@ def test_only_deng_with_mean_or_range_scaling_does_not_ask_for_the_order_of_the_
     for name in ("absolute", "relative", "synthetic", "T-type", "slope", "B-type"):
         degree = relations.DEGREES[name]
         assert not np.allclose(degree(x0, x), degree(x0[turn], x[:, turn]), atol=1e-3), name
-    by_first = [relations.deng(relations.initial_image(a), relations.initial_image(b))
-                for a, b in ((x0, x), (x0[turn], x[:, turn]))]  # fmt: skip
+    by_first = [
+        relations.deng(relations.initial_image(a), relations.initial_image(b))
+        for a, b in ((x0, x), (x0[turn], x[:, turn]))
+    ]
     assert not np.allclose(*by_first, atol=1e-3)
 
 

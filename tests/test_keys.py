@@ -692,17 +692,37 @@ def test_inputs_that_are_sound_but_different_change_every_key(place: Path) -> No
 
 
 EDITS = [
-    (R, "render/pattern.py"), (R, "render/shade.py"), (R, "camera/lens.py"), (R, "seeds.py"),
-    (R, "camera/lenses/brown.py"), (C, "camera/lenses/brown.py"), (P, "camera/lenses/brown.py"),
-    (E, "sensor/patterns.py"), (E, "sensor/expose.py"), (E, "seeds.py"),
-    (D, "detect/decode.py"), (D, "detect/identify.py"), (D, "detect/centre_forward.py"), (D, "targets/ring_code.py"),
-    (C, "adjust/normal.py"), (C, "calibrate/settle.py"), (C, "camera/circle.py"),
-    (P, "reconstruct/gls.py"), (P, "reconstruct/estimate.py"),
-    (D, "measure/pipeline.py"), (C, "measure/pipeline.py"), (P, "measure/pipeline.py"),
-    (D, "targets/kinds/charuco.py"), (C, "targets/kinds/charuco.py"),
-    ("score", "score/detection.py"), ("score", "score/align.py"), ("score", "scene/truth.py"),
-    ("report", "report/page.html"), ("report", "report/figures.py"), ("report", "score/points.py"),
-]  # fmt: skip
+    (R, "render/pattern.py"),
+    (R, "render/shade.py"),
+    (R, "camera/lens.py"),
+    (R, "seeds.py"),
+    (R, "camera/lenses/brown.py"),
+    (C, "camera/lenses/brown.py"),
+    (P, "camera/lenses/brown.py"),
+    (E, "sensor/patterns.py"),
+    (E, "sensor/expose.py"),
+    (E, "seeds.py"),
+    (D, "detect/decode.py"),
+    (D, "detect/identify.py"),
+    (D, "detect/centre_forward.py"),
+    (D, "targets/ring_code.py"),
+    (C, "adjust/normal.py"),
+    (C, "calibrate/settle.py"),
+    (C, "camera/circle.py"),
+    (P, "reconstruct/gls.py"),
+    (P, "reconstruct/estimate.py"),
+    (D, "measure/pipeline.py"),
+    (C, "measure/pipeline.py"),
+    (P, "measure/pipeline.py"),
+    (D, "targets/kinds/charuco.py"),
+    (C, "targets/kinds/charuco.py"),
+    ("score", "score/detection.py"),
+    ("score", "score/align.py"),
+    ("score", "scene/truth.py"),
+    ("report", "report/page.html"),
+    ("report", "report/figures.py"),
+    ("report", "score/points.py"),
+]
 """Each stage, and files it computes with, some of them far down."""
 BLIND = {
     R: ("detect/decode.py", "score/align.py", "camera/lenses/fisheye.py"),
@@ -749,9 +769,9 @@ def test_every_stage_reacts_to_its_own_code_and_to_no_other(
 
 
 @pytest.mark.parametrize(
-    ("kind", "field", "stage"), [("centroids", "centroid", D), ("calibrators", "calibrator", C),
-                                 ("reconstructors", "reconstructor", P)],
-)  # fmt: skip
+    ("kind", "field", "stage"),
+    [("centroids", "centroid", D), ("calibrators", "calibrator", C), ("reconstructors", "reconstructor", P)],
+)
 def test_every_algorithm_counts_with_its_own_file(
     kind: str, field: str, stage: str, place: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

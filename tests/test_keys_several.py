@@ -14,8 +14,13 @@ from testfield.scene.load import parse_scene
 from testfield.scene.parts import parts_of
 from testfield.scene.schema import SceneFile
 
-POSE = {"generator": "pose", "name": "aside", "camera": "third", "position_mm": [0, -2500, 1200],
-        "rotation_deg": [90.0, 0.0, 0.0]}  # fmt: skip
+POSE = {
+    "generator": "pose",
+    "name": "aside",
+    "camera": "third",
+    "position_mm": [0, -2500, 1200],
+    "rotation_deg": [90.0, 0.0, 0.0],
+}
 MOVE = {"position_mm": [0, -80, 1600], "direction": [1.0, 0.1, 0.0], "normal": [0.0, -1.0, 0.0]}
 KINDS = {
     "arc": {"radius_mm": 2600, "height_mm": 1150, "count": 1},
@@ -101,13 +106,25 @@ def test_every_kind_of_station_takes_a_rig_or_a_camera(kind: str) -> None:
 
 
 def test_a_named_camera_hands_on_every_field_of_its_body() -> None:
-    other = {"aspect": 1.1, "diffraction": True, "focus_mm": 3000.0, "natural_vignetting": True, "psf_sigma_px": 0.7,
-             "principal_point_offset_px": (1.0, 2.0), "vignetting": (0.1, 0.0, 0.0), "lens": "rational", "k4": 0.01,
-             "s1": 0.001}  # fmt: skip
+    other = {
+        "aspect": 1.1,
+        "diffraction": True,
+        "focus_mm": 3000.0,
+        "natural_vignetting": True,
+        "psf_sigma_px": 0.7,
+        "principal_point_offset_px": (1.0, 2.0),
+        "vignetting": (0.1, 0.0, 0.0),
+        "lens": "rational",
+        "k4": 0.01,
+        "s1": 0.001,
+    }
     scene = scene_of(base())
     camera = scene.cameras[2].model_copy(update=other)
-    (part,) = [one for one in parts_of(scene.model_copy(update={"cameras": (*scene.cameras[:2], camera)}))
-               if (one.camera, one.time) == (THIRD, 0)]  # fmt: skip
+    (part,) = [
+        one
+        for one in parts_of(scene.model_copy(update={"cameras": (*scene.cameras[:2], camera)}))
+        if (one.camera, one.time) == (THIRD, 0)
+    ]
     for field in CameraPart.model_fields:
         assert getattr(part.scene.camera, field) == getattr(camera, field), field
 

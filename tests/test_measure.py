@@ -54,9 +54,18 @@ def observations_of(noise_px: float = SIGMA_PX, coded: int = 20, seed: int = 0) 
     depth = truth.stations[truth.image].apply(truth.point_mm[truth.point])[:, 2]
     moments = (0.5 * 10.0 * 4000 / depth)[:, None, None] ** 2 * np.eye(2)
     whole = Observations(
-        ties.stations, ties.image, ties.xy_px, ties.cov_px2, moments, code, np.full(n, -1), ties.point, np.ones(n),
-        np.full(n, MEASURED, object), False,
-    )  # fmt: skip
+        ties.stations,
+        ties.image,
+        ties.xy_px,
+        ties.cov_px2,
+        moments,
+        code,
+        np.full(n, -1),
+        ties.point,
+        np.ones(n),
+        np.full(n, MEASURED, object),
+        False,
+    )
     found = [
         Found(
             replace(part, stations=(name,), station=np.zeros(len(part), int), point=np.full(len(part), -1)),
@@ -168,9 +177,18 @@ def seen_grid(image: int, target: TargetSpec) -> Found:
     place = order_grid(xy, np.full(80, 90.0), target.columns, target.rows)
     none = np.full(80, -1)
     observations = Observations(
-        (f"s{image}",), np.zeros(80, int), xy, np.tile(0.0025 * np.eye(2), (80, 1, 1)),
-        np.tile(500 * np.eye(2), (80, 1, 1)), np.zeros(80, int), none, none, np.ones(80), np.full(80, MEASURED), False,
-    )  # fmt: skip
+        (f"s{image}",),
+        np.zeros(80, int),
+        xy,
+        np.tile(0.0025 * np.eye(2), (80, 1, 1)),
+        np.tile(500 * np.eye(2), (80, 1, 1)),
+        np.zeros(80, int),
+        none,
+        none,
+        np.ones(80),
+        np.full(80, MEASURED),
+        False,
+    )
     return Found(observations, place, ())
 
 

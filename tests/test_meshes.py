@@ -49,9 +49,21 @@ def board_world(meshes: tuple[TrueMesh, ...], lights: tuple[AreaLight, ...] = ()
     camera = Interior(320, 256, np.array([960.0, 960.0, 160.0, 128.0, -0.05, 0.02, 0, 0, 0]))
     pose = Poses(np.diag([1.0, -1, -1])[None], np.array([[0, 0, 2000.0]]))
     return World(
-        "meshes", 1, 1000.0, panels, marks, Poses.identity(1), ("s",), pose, camera, 0.0, lights, ambient,
-        Field(14, ()), meshes,
-    )  # fmt: skip
+        "meshes",
+        1,
+        1000.0,
+        panels,
+        marks,
+        Poses.identity(1),
+        ("s",),
+        pose,
+        camera,
+        0.0,
+        lights,
+        ambient,
+        Field(14, ()),
+        meshes,
+    )
 
 
 def half_hidden() -> World:
@@ -326,8 +338,10 @@ def test_a_runs_folder_keeps_its_meshes(tmp_path: Path) -> None:
 
 
 def sheet_without_faces(path: Path) -> None:
-    path.write_text("ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n"
-                    "end_header\n0 0 0\n")  # fmt: skip
+    path.write_text(
+        "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n"
+        "end_header\n0 0 0\n"
+    )
 
 
 ON_MESH = '[[check_targets]]\ngenerator = "on_mesh"\nfirst_code = 301\n'

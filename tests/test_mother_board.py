@@ -36,9 +36,20 @@ def _known(world: World) -> Calibration:
     labels = tuple(f"board:{n}.{axis}" for n in names[1:] for axis in ("rx", "ry", "rz", "tx", "ty", "tz"))
     covariance = np.diag(np.tile([U_TURN_RAD**2] * 3 + [U_MM**2] * 3, len(names) - 1))
     return Calibration(
-        "true", world.interior, world.station_name, world.camera_from_world, names, boards, 1.0, covariance, labels,
-        1.0, 1, 0.0, 0,
-    )  # fmt: skip
+        "true",
+        world.interior,
+        world.station_name,
+        world.camera_from_world,
+        names,
+        boards,
+        1.0,
+        covariance,
+        labels,
+        1.0,
+        1,
+        0.0,
+        0,
+    )
 
 
 def _moved(calibration: Calibration, board: int, turn_rad: list[float], shift_mm: list[float]) -> Calibration:
@@ -81,9 +92,11 @@ def test_boards_that_lean_all_ways_are_not_taken_for_flat() -> None:
 def test_the_test_of_flatness_has_the_chi_squared_of_height_and_two_leans() -> None:
     true = _known(_world("flat", 3))
     for turn, shift, expected in (
-        ([3 * U_TURN_RAD, 0, 0], [0, 0, 0], 9), ([0, -2 * U_TURN_RAD, 0], [0, 0, 0], 4),
-        ([0, 0, 0], [0, 0, 4 * U_MM], 16), ([0, 0, 0.1], [5, -7, 0], 0),
-    ):  # fmt: skip
+        ([3 * U_TURN_RAD, 0, 0], [0, 0, 0], 9),
+        ([0, -2 * U_TURN_RAD, 0], [0, 0, 0], 4),
+        ([0, 0, 0], [0, 0, 4 * U_MM], 16),
+        ([0, 0, 0.1], [5, -7, 0], 0),
+    ):
         statistic, freedom = coplanarity(_moved(true, 1, turn, shift))
         assert freedom == 6 and statistic == pytest.approx(expected, abs=1e-6)
     assert coplanarity(_known(_world("flat", 1))) == (0.0, 0)

@@ -43,8 +43,11 @@ def test_there_are_sixty_defects_and_more_each_with_a_name_of_its_own() -> None:
 def test_every_defect_names_a_test_that_is_there() -> None:
     for defect in DEFECTS:
         path, _, name = defect.test.partition("::")
-        functions = {node.name for node in ast.walk(ast.parse((ROOT / path).read_text(encoding="utf-8")))
-                     if isinstance(node, ast.FunctionDef)}  # fmt: skip
+        functions = {
+            node.name
+            for node in ast.walk(ast.parse((ROOT / path).read_text(encoding="utf-8")))
+            if isinstance(node, ast.FunctionDef)
+        }
         assert name.partition("[")[0] in functions, defect.test
 
 

@@ -92,9 +92,11 @@ def built(pattern: str) -> World:
 def sensor_of() -> Sensor:
     scene = parse_scene(text(CHARUCO), "test", Path())
     return Sensor(
-        pixel_pitch_um=scene.camera.pixel_pitch_um, f_number=scene.camera.f_number, time_ms=scene.exposure.time_ms,
+        pixel_pitch_um=scene.camera.pixel_pitch_um,
+        f_number=scene.camera.f_number,
+        time_ms=scene.exposure.time_ms,
         **scene.sensor.model_dump(),
-    )  # fmt: skip
+    )
 
 
 @cache
@@ -309,9 +311,13 @@ def test_a_light_gradient_moves_no_corner() -> None:
     found = []
     for light in (np.ones_like(slope), slope):
         fit = fit_corners(
-            sheet.black_level_dn + bright * light, sheet, views.centre_px[0, 11:12] + 0.4, axes[None],
-            np.array([True]), use,
-        )  # fmt: skip
+            sheet.black_level_dn + bright * light,
+            sheet,
+            views.centre_px[0, 11:12] + 0.4,
+            axes[None],
+            np.array([True]),
+            use,
+        )
         assert fit.ok[0]
         assert np.abs(fit.xy_px[0] - views.centre_px[0, 11]).max() < 2e-3
         found.append(fit.xy_px[0])

@@ -52,8 +52,15 @@ def flattened(outline: np.ndarray, diameter_px: float, ratio: float, turn: float
     return outline @ axes.T + 0.5 * SIZE + [0.2, -0.3]
 
 
-CASES = [(6.0, 1.0, 1.0), (6.5, 1.2, 1.0), (8.0, 1.5, 0.9), (9.0, 1.9, 0.95), (10.0, 1.8, 0.6), (10.0, 0.9, 0.4),
-         (24.0, 3.0, 0.7)]  # fmt: skip
+CASES = [
+    (6.0, 1.0, 1.0),
+    (6.5, 1.2, 1.0),
+    (8.0, 1.5, 0.9),
+    (9.0, 1.9, 0.95),
+    (10.0, 1.8, 0.6),
+    (10.0, 0.9, 0.4),
+    (24.0, 3.0, 0.7),
+]
 """Diameter of the disc of like moments, blur, ratio of the axes."""
 
 
@@ -69,8 +76,16 @@ def test_a_blurred_square_or_triangle_is_not_taken_for_a_dot(
         assert seen or corners == 3  # a triangle may not even fill its ellipse; a square has to be refused
 
 
-DOTS = [(6.0, 1.0, 1.0), (7.0, 1.2, 0.8), (8.0, 1.4, 0.9), (10.0, 1.5, 0.6), (10.0, 0.9, 0.4), (9.0, 0.7, 0.34),
-        (20.0, 3.0, 1.0), (24.0, 3.0, 0.7)]  # fmt: skip
+DOTS = [
+    (6.0, 1.0, 1.0),
+    (7.0, 1.2, 0.8),
+    (8.0, 1.4, 0.9),
+    (10.0, 1.5, 0.6),
+    (10.0, 0.9, 0.4),
+    (9.0, 0.7, 0.34),
+    (20.0, 3.0, 1.0),
+    (24.0, 3.0, 0.7),
+]
 """Blurred more than about 0.175 diameters they could not be told from pentagons."""
 
 

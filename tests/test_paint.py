@@ -49,9 +49,13 @@ def world_of(ink: int = 0, tilt_deg: float = 0.0, **more: object) -> World:
     a = np.radians(tilt_deg)
     R = np.array([[1, 0, 0], [0, np.cos(a), -np.sin(a)], [0, np.sin(a), np.cos(a)]])
     panels = Panels(
-        ("A",), Poses(R[None], np.zeros((1, 3))), np.array([[900.0, 900.0]]), np.array([GROUND]), np.array([INK]),
+        ("A",),
+        Poses(R[None], np.zeros((1, 3))),
+        np.array([[900.0, 900.0]]),
+        np.array([GROUND]),
+        np.array([INK]),
         ink=np.array([ink]),
-    )  # fmt: skip
+    )
     zero = np.zeros(1, int)
     marks = TrueMarks(zero, np.zeros((1, 2)), np.array([2 * RADIUS_MM]), zero, zero, zero, zero)
     middle = (SIZE_PX - 1) / 2
@@ -101,9 +105,12 @@ def test_a_point_lights_shadow_is_as_sharp_as_a_cell_and_where_geometry_puts_it(
     p = plain.panels
     screen = Poses(np.eye(3)[None], np.array([[450.0, 0.0, 500.0]]))
     panels = Panels(
-        ("A", "screen"), Poses.join([p.world_from_panel, screen]), np.array([[900.0, 900.0], [800.0, 900.0]]),
-        np.array([GROUND, 0.0]), np.array([INK, 0.0]),
-    )  # fmt: skip
+        ("A", "screen"),
+        Poses.join([p.world_from_panel, screen]),
+        np.array([[900.0, 900.0], [800.0, 900.0]]),
+        np.array([GROUND, 0.0]),
+        np.array([INK, 0.0]),
+    )
     shaded = render_fast(build_stage(replace(plain, panels=panels)), Irradiance.even(2, 0.0), 0, 8).values
     share = shaded[8] / render_fast(build_stage(plain), Irradiance.even(1, 0.0), 0, 8).values[8]
     assert share[:22] == pytest.approx(np.ones(22), abs=1e-3)
@@ -190,10 +197,14 @@ CARRIED = {
     "retro-reflecting ink in even light": world_of(RETRO, 25.0, ambient_radiance=1.0, retro=RETRO_INK),
     "luminous ink": world_of(LUMINOUS, 25.0, luminous_radiance=2.5),
     "gloss under a flash and a point light": world_of(
-        GLOSS, 10.0, flash=RingFlash(28.0, 16, 2.0, 1.0), gloss=Gloss(0.3, 0.05), psf_sigma_px=0.0,
+        GLOSS,
+        10.0,
+        flash=RingFlash(28.0, 16, 2.0, 1.0),
+        gloss=Gloss(0.3, 0.05),
+        psf_sigma_px=0.0,
         point_lights=(PointLight(np.array([300.0, 300.0, 1800.0]), 5.0),),
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", CARRIED)
@@ -324,7 +335,7 @@ BAD = {
         ("[render]", '[target_motion]\nvelocity_mm_s = [1, 0, 0]\n\n[paint]\nink = "gloss"\n\n[render]'),
         "paint.ink: glossy ink cannot be rendered together with a target that moves",
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", BAD)

@@ -28,12 +28,20 @@ def good() -> dict:
     point = np.tile(np.arange(POINTS), 2)
     return {
         "station": np.repeat(["left", "right"], POINTS).astype(object),
-        "x_px": rng.uniform(0, 999, n), "y_px": rng.uniform(0, 799, n),
-        "cov_xx_px2": np.full(n, 9e-4), "cov_xy_px2": np.zeros(n), "cov_yy_px2": np.full(n, 9e-4),
-        "moment_xx_px2": np.full(n, 9.0), "moment_xy_px2": np.zeros(n), "moment_yy_px2": np.full(n, 9.0),
-        "code": np.where(point < 8, point + 1, 0), "board": np.zeros(n, int), "point": point, "chi2": np.ones(n),
+        "x_px": rng.uniform(0, 999, n),
+        "y_px": rng.uniform(0, 799, n),
+        "cov_xx_px2": np.full(n, 9e-4),
+        "cov_xy_px2": np.zeros(n),
+        "cov_yy_px2": np.full(n, 9e-4),
+        "moment_xx_px2": np.full(n, 9.0),
+        "moment_xy_px2": np.zeros(n),
+        "moment_yy_px2": np.full(n, 9.0),
+        "code": np.where(point < 8, point + 1, 0),
+        "board": np.zeros(n, int),
+        "point": point,
+        "chi2": np.ones(n),
         "status": np.full(n, MEASURED, object),
-    }  # fmt: skip
+    }
 
 
 def sheet() -> Field:
@@ -69,7 +77,9 @@ BAD = {
     "covariance not definite": (at("cov_xy_px2", 7, 1e-3), "row 7", "cov_xy_px2"),
     "covariance NaN": (at("cov_xy_px2", 7, np.nan), "row 7", "cov_xy_px2"),
     "covariance in mm^2": (
-        both(*(all_of(f"cov_{part}_px2", lambda v: v * 1e-6) for part in ("xx", "xy", "yy"))), "row 0", "cov_xx_px2",
+        both(*(all_of(f"cov_{part}_px2", lambda v: v * 1e-6) for part in ("xx", "xy", "yy"))),
+        "row 0",
+        "cov_xx_px2",
     ),
     "position infinite": (at("x_px", 31, np.inf), "row 31", "x_px"),
     "position far outside": (at("y_px", 31, 4000.0), "row 31", "y_px"),
@@ -89,7 +99,7 @@ BAD = {
     "status as number": (all_of("status", lambda v: np.zeros(len(v))), "status", "string"),
     "column missing": (lambda columns: columns.pop("code") is None or None, "code", "column"),
     "value missing": (at("station", 9, None), "row 9", "station"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", BAD)
@@ -130,9 +140,20 @@ def test_a_file_without_its_meaning_or_that_is_no_table_is_named(tmp_path: Path)
 def calibration() -> dict:
     labels = ["fx", *(f"station:left.{axis}" for axis in ("rx", "ry", "rz", "tx", "ty", "tz"))]
     found = Calibration(
-        "peer", Interior(1000, 800, np.array([900, 900, 500, 400, 0, 0, 0, 0, 0.0])), ("left",), Poses.identity(1), (),
-        Poses.identity(0), 1.0, np.eye(7), tuple(labels), 1.0, 10, 0.05, 30,
-    )  # fmt: skip
+        "peer",
+        Interior(1000, 800, np.array([900, 900, 500, 400, 0, 0, 0, 0, 0.0])),
+        ("left",),
+        Poses.identity(1),
+        (),
+        Poses.identity(0),
+        1.0,
+        np.eye(7),
+        tuple(labels),
+        1.0,
+        10,
+        0.05,
+        30,
+    )
     return found, found.labels
 
 

@@ -87,9 +87,7 @@ def test_all_circles_of_a_real_grid_are_found_and_calibrate_no_worse_than_opencv
         order = np.argsort(found.observations.point[here])
         views.append(found.observations.xy_px[here][order].astype(np.float32))
     none = np.zeros((0, 0))
-    rms = cv2.calibrateCamera(
-        [plane] * len(views), views, (640, 480), none, none, flags=cv2.CALIB_FIX_K3
-    )[0]  # fmt: skip
+    rms = cv2.calibrateCamera([plane] * len(views), views, (640, 480), none, none, flags=cv2.CALIB_FIX_K3)[0]
     assert len(views) == 6
     assert rms <= 0.47549
 
@@ -125,7 +123,7 @@ KINDS = {
     "16 bits": (lambda i: np.rint(65535 * i).astype(np.uint16), ".tif"),
     "floating point": (lambda i: i.astype(np.float32), ".tif"),
     "JPEG": (lambda i: np.rint(255 * i).astype(np.uint8), ".jpg"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("kind", KINDS)

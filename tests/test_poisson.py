@@ -100,9 +100,12 @@ def test_the_expansion_errs_less_than_its_bound(monkeypatch: pytest.MonkeyPatch)
         means = np.full(len(w), mean)
         error = room._error(w * w, means, 1 / np.sqrt(means))
         expanded = (
-            mean + w * np.sqrt(mean) + (2 + w**2) / 6 - w * (2 + w**2) / (72 * np.sqrt(mean))
+            mean
+            + w * np.sqrt(mean)
+            + (2 + w**2) / 6
+            - w * (2 + w**2) / (72 * np.sqrt(mean))
             + (w**4 / 270 + 7 * w**2 / 810 - 8 / 405) / mean
-        )  # fmt: skip
+        )
         assert (np.abs(expanded - x) < error).all()
         sure = np.floor(x - 2 * error) == np.floor(x + 2 * error)
         assert np.array_equal(room._expanded(ndtr(w), means)[sure & (w < 5)], np.floor(x)[sure & (w < 5)])

@@ -64,10 +64,18 @@ def seen(interior: Interior, stations: Poses, xyz: np.ndarray, sigma_px: float) 
     px = project(interior, stations[station], xyz[point])
     m = s * n
     rows = Observations(
-        tuple(f"s{k}" for k in range(s)), station, px, np.tile(sigma_px**2 * np.eye(2), (m, 1, 1)),
-        np.tile(np.eye(2), (m, 1, 1)), point + 1, np.full(m, -1), np.full(m, -1), np.ones(m),
-        np.full(m, MEASURED, object), centre_of_disc=False,
-    )  # fmt: skip
+        tuple(f"s{k}" for k in range(s)),
+        station,
+        px,
+        np.tile(sigma_px**2 * np.eye(2), (m, 1, 1)),
+        np.tile(np.eye(2), (m, 1, 1)),
+        point + 1,
+        np.full(m, -1),
+        np.full(m, -1),
+        np.ones(m),
+        np.full(m, MEASURED, object),
+        centre_of_disc=False,
+    )
     return rows, Field(14, (), (), {k + 1: 10.0 for k in range(n)})
 
 
@@ -219,9 +227,10 @@ def test_a_gain_without_depth_turns_this_red() -> None:
     shaken = noisy(rows, 0.3, rng)
     right = settle(sights_of(shaken, calibration, field), calibration, Method("m", unweighted))
     wrong = settle(
-        sights_of(shaken, calibration, field), calibration,
+        sights_of(shaken, calibration, field),
+        calibration,
         Method("m", lambda s, r, c: unweighted(s, r, c) / r.depth_mm[..., None, None] ** 2),
-    )  # fmt: skip
+    )
     assert np.abs(right.xyz_mm - wrong.xyz_mm).max() > 0.01
 
 
@@ -268,9 +277,11 @@ def many_times(
 
 
 RULES = {
-    "midpoint": Method("midpoint", unweighted), "ml": REPROJECTION, "parametric_wls": Method("parametric_wls", by_ray),
+    "midpoint": Method("midpoint", unweighted),
+    "ml": REPROJECTION,
+    "parametric_wls": Method("parametric_wls", by_ray),
     "gls": Method("gls", all_together),
-}  # fmt: skip
+}
 
 
 def solved_with(name: str, sights: Sights, calibration: Calibration) -> tuple[Solved, np.ndarray]:
@@ -455,8 +466,9 @@ def test_ignoring_what_cameras_share_costs_what_the_methods_page_says() -> None:
         assert nees(found.xyz_mm, covariance) == pytest.approx(1, abs=0.06)
     (ml, _), (wls, _) = reached["ml"], reached["parametric_wls"]
     for found, claim, claimed_mm, wrong in (
-        (ml, sandwich(ml)[0], 0.064, 3957), (wls, normal_claim(wls, calibration), 2.669, 2.29),
-    ):  # fmt: skip
+        (ml, sandwich(ml)[0], 0.064, 3957),
+        (wls, normal_claim(wls, calibration), 2.669, 2.29),
+    ):
         assert predicted(claim) == pytest.approx(claimed_mm, rel=0.02)
         assert nees(found.xyz_mm, claim) == pytest.approx(wrong, rel=0.05)
 

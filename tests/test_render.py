@@ -130,9 +130,15 @@ def test_a_dot_in_the_very_middle_of_a_cell_is_whole() -> None:
         }
     )
     station = scene.stations[0].model_validate(
-        {"generator": "arc", "count": 1, "radius_mm": 1000, "height_mm": board.position_mm[2], "azimuth_deg": [0, 0],
-         "look_at_mm": board.position_mm}
-    )  # fmt: skip
+        {
+            "generator": "arc",
+            "count": 1,
+            "radius_mm": 1000,
+            "height_mm": board.position_mm[2],
+            "azimuth_deg": [0, 0],
+            "look_at_mm": board.position_mm,
+        }
+    )
     plain = dict.fromkeys(("psf_sigma_px", "k1", "k2", "k3", "p1", "p2"), 0.0)
     size = {"width_px": 641, "height_px": 513, "principal_point_offset_px": (0.0, 0.0)}
     camera = scene.camera.model_copy(update=plain | size)

@@ -62,10 +62,22 @@ def as_calibration(found: Adjustment) -> Calibration:
     network = found.network
     stations = tuple(f"s{k}" for k in range(len(network.stations)))
     return Calibration(
-        "test", network.interior, stations, network.stations, ("board",), network.boards, 1.0, found.covariance,
-        tuple(names(network)), found.sigma0, found.freedom, 0.0, len(network.xy_px),
-        residual_at_px=network.xy_px, residual_px=found.residual_px,
-    )  # fmt: skip
+        "test",
+        network.interior,
+        stations,
+        network.stations,
+        ("board",),
+        network.boards,
+        1.0,
+        found.covariance,
+        tuple(names(network)),
+        found.sigma0,
+        found.freedom,
+        0.0,
+        len(network.xy_px),
+        residual_at_px=network.xy_px,
+        residual_px=found.residual_px,
+    )
 
 
 def test_a_camera_with_smooth_fields_is_projected_inverted_and_differentiated_alike() -> None:

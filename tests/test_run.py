@@ -21,12 +21,23 @@ from testfield.statistics.consistency import nees_band
 QUICK = Path(__file__).parents[1] / "scenes/quick.toml"
 TINY = Path(__file__).parent / "torture/tiny.toml"
 KEYS = (
-    "detection.expected", "detection.found", "detection.missed", "detection.false", "detection.wrong_code",
-    "detection.centre_rms_px", "detection.centre_bias_px",
-    "calibration.reprojection_rms_px", "calibration.corner_error_px",
-    "points.rmse_mm", "points.relative_accuracy", "points.anees", "lengths.check_error_mm", "boards.pose_rms_mm",
-    "time_s.render", "time_s.detect",
-)  # fmt: skip
+    "detection.expected",
+    "detection.found",
+    "detection.missed",
+    "detection.false",
+    "detection.wrong_code",
+    "detection.centre_rms_px",
+    "detection.centre_bias_px",
+    "calibration.reprojection_rms_px",
+    "calibration.corner_error_px",
+    "points.rmse_mm",
+    "points.relative_accuracy",
+    "points.anees",
+    "lengths.check_error_mm",
+    "boards.pose_rms_mm",
+    "time_s.render",
+    "time_s.detect",
+)
 
 
 NOTHING_WRONG = {"detection.missed", "detection.false", "detection.wrong_code"}

@@ -59,7 +59,7 @@ def test_quiet_paper_is_not_saturated_however_quiet_it_is(sigma_dn: float) -> No
         pytest.param(lambda: stored(dots(200, 40, blur_px=0)), id="a drawing without blur"),
         pytest.param(lambda: stored(dots(40, 200)), id="white on black without noise"),
     ],
-)  # fmt: skip
+)
 def test_white_below_the_end_of_the_numbers_is_measured(image) -> None:
     assert (found_in(image()).observations.status == "measured").sum() == COLUMNS * ROWS
 
@@ -76,7 +76,7 @@ def test_white_below_the_end_of_the_numbers_is_measured(image) -> None:
         pytest.param(lambda: np.minimum(noisy(dots(1.2, 0.1), 0.01), 1).astype(np.float32), id="floating point"),
         pytest.param(lambda: stored(noisy(dots(40, 300), 2)), id="white on black"),
     ],
-)  # fmt: skip
+)
 def test_a_cut_plateau_is_saturated_and_the_reason_is_told(image) -> None:
     found = found_in(image())
     assert (found.observations.status == "saturated").sum() == COLUMNS * ROWS

@@ -130,8 +130,11 @@ BY_HAND: dict[str, object] = {
     "boards.rotation_error_mrad.1": 1.0,
     # C: (0.03 / 0.06)^2 + (0.04 / 0.16)^2; B: (1 / 1)^2 + (0.12 / 0.06)^2
     "boards.anees": (0.25 + 0.0625 + 1 + 4) / 12,
-    **{f"boards.graph.{k}.{j}": v for k, e in enumerate((("left", "A", 6), ("right", "B", 4), ("left", "C", 2)))
-       for j, v in enumerate(e)},
+    **{
+        f"boards.graph.{k}.{j}": v
+        for k, e in enumerate((("left", "A", 6), ("right", "B", 4), ("left", "C", 2)))
+        for j, v in enumerate(e)
+    },
     "points.method": "hand",
     "points.expected": 7,
     "points.measured": 6,
@@ -186,7 +189,7 @@ BY_HAND: dict[str, object] = {
     "lengths.bars.3.name": "check three",
     "lengths.bars.3.role": "check",
     "lengths.bars.3.note": TEXT,
-}  # fmt: skip
+}
 
 
 @pytest.fixture(scope="module")
@@ -209,11 +212,16 @@ def page(by_hand: HandMade, folder: Path) -> Page:
     grey = np.random.default_rng(1).integers(100, 4000, (800, 1000)).astype(np.uint16)
     Frame("left", grey, SensorSheet(2.6, 2.3, 64.0, 12)).save(folder / "frames/left.png")
     notes = {
-        "command": "testfield run x.toml", "seed": 7, "versions": {"testfield": "0.1.0", "numpy": "2.3"},
-        "machine": "a machine", "warnings": ["a warning"],
-        "images": {"left": {"mode": "sampled", "samples": 40, "noise": 0.004, "over_target": 0.01},
-                   "right": {"mode": "sampled", "samples": 60, "noise": 0.006, "over_target": 0.03}},
-    }  # fmt: skip
+        "command": "testfield run x.toml",
+        "seed": 7,
+        "versions": {"testfield": "0.1.0", "numpy": "2.3"},
+        "machine": "a machine",
+        "warnings": ["a warning"],
+        "images": {
+            "left": {"mode": "sampled", "samples": 40, "noise": 0.004, "over_target": 0.01},
+            "right": {"mode": "sampled", "samples": 60, "noise": 0.006, "over_target": 0.03},
+        },
+    }
     scene = load_scene(QUICK)
     write_report(by_hand.world, by_hand.views, scene, folder, notes, folder / "report.html")
     return Page((folder / "report.html").read_text(encoding="utf-8"))
@@ -241,9 +249,17 @@ def test_the_console_shows_the_ten_figures_in_their_order(folder: Path, capsys: 
     show_result(folder, as_json=False)
     lines = [line.rsplit("  ", 1) for line in capsys.readouterr().out.splitlines() if line.strip()]
     assert [value for _, value in lines[:10]] == [
-        "58.33%", "3", "0.0214 px", "0.1230 px", f"{max(CORNERS):.4f} px", "0.0985 mm", "0.0012 mm", "1 : 4,008,919",
-        "7.05", "-0.0140 mm, FAILED",
-    ]  # fmt: skip
+        "58.33%",
+        "3",
+        "0.0214 px",
+        "0.1230 px",
+        f"{max(CORNERS):.4f} px",
+        "0.0985 mm",
+        "0.0012 mm",
+        "1 : 4,008,919",
+        "7.05",
+        "-0.0140 mm, FAILED",
+    ]
     assert [value for _, value in lines[11:]] == [str(folder / "report.html"), str(folder / "scorecard.json")]
     show_result(folder, as_json=True)
     assert json.loads(capsys.readouterr().out) == json.loads((folder / "scorecard.json").read_text())
@@ -257,11 +273,27 @@ def test_the_tiles_of_the_page_are_the_console_s(folder: Path, page: Page) -> No
 
 def test_the_page_counts_detections_as_they_are(page: Page) -> None:
     assert [row[1] for row in page.table("figure", "value")] == [
-        "12", "7", "5", "1", "2", "1", "1", "2", "3", "1", "0.0214 px", "-0.00700, -0.00300 px", "0.0400 px", "1.25",
-    ]  # fmt: skip
+        "12",
+        "7",
+        "5",
+        "1",
+        "2",
+        "1",
+        "1",
+        "2",
+        "3",
+        "1",
+        "0.0214 px",
+        "-0.00700, -0.00300 px",
+        "0.0400 px",
+        "1.25",
+    ]
     assert [row[0] for row in page.table("figure", "value")[3:7]] == [
-        "no blob there", "not identified", "partly hidden or disturbed", "saturated",
-    ]  # fmt: skip
+        "no blob there",
+        "not identified",
+        "partly hidden or disturbed",
+        "saturated",
+    ]
     looked_at = page.table("all blobs that were looked at")
     assert looked_at[0] == ["measured", "17"]
     assert sorted(looked_at[1:]) == [["partly hidden or disturbed", "1"], ["saturated", "1"]]
@@ -279,25 +311,38 @@ def test_the_page_shows_the_camera_true_and_found(page: Page) -> None:
     for figure in ("2 rejected", "1.050", "0.1230 px", "3.44 ", corners):
         assert figure in said
     assert page.table("rejected at") == [
-        ["left", "A", "12.3", "45.6", "7.8", "odd"], ["right", "–", "65.4", "32.1", "9.8", ""],
-    ]  # fmt: skip
+        ["left", "A", "12.3", "45.6", "7.8", "odd"],
+        ["right", "–", "65.4", "32.1", "9.8", ""],
+    ]
 
 
 def test_the_page_shows_the_boards_and_their_graph(page: Page) -> None:
     assert page.table("board", "marks' shift rms, mm") == [
-        ["C", "0.0500", "0.0500", "0.0000"], ["B", "0.1300", "0.1200", "1.0000"],
-    ]  # fmt: skip
+        ["C", "0.0500", "0.0500", "0.0000"],
+        ["B", "0.1300", "0.1200", "1.0000"],
+    ]
     said = next(text for text in page.paragraphs if "+15.00 ppm" in text)
     assert "0.443 " in said and "5.00 ppm" in said
     assert page.table("marks seen", "1", "2") == [
-        ["A", "5 0.021 0.75", "·"], ["C", "2", "·"], ["B", "·", "4 0.034 0.50"],
-    ]  # fmt: skip
+        ["A", "5 0.021 0.75", "·"],
+        ["C", "2", "·"],
+        ["B", "·", "4 0.034 0.50"],
+    ]
     assert page.table("board", "images", "links to the datum") == [
-        ["C", "1", "2", "0.0123", "0.0456"], ["B", "3", "–", "0.0789", "0.0321"],
-    ]  # fmt: skip
+        ["C", "1", "2", "0.0123", "0.0456"],
+        ["B", "3", "–", "0.0789", "0.0321"],
+    ]
     said = next(text for text in page.paragraphs if "1.125" in text)
-    for figure in ("0.910 to 1.090", "250", "NOT passed", "0.125", "3 observation(s)", "4 contradict", "2 good",
-                   "0.345 px"):  # fmt: skip
+    for figure in (
+        "0.910 to 1.090",
+        "250",
+        "NOT passed",
+        "0.125",
+        "3 observation(s)",
+        "4 contradict",
+        "2 good",
+        "0.345 px",
+    ):
         assert figure in said, figure
 
 

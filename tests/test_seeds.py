@@ -103,12 +103,20 @@ def test_random_targets_keep_their_places_when_more_come_or_a_board_moves_in_ano
     quick_scene: SceneFile,
 ) -> None:
     part = CheckRandom(
-        generator="random", first_code=200, count=12, low_mm=(3000, 3000, 0), high_mm=(5000, 5000, 2000),
-        spacing_mm=150, seed=4,
-    )  # fmt: skip
-    stations = (*quick_scene.stations, StationRandom(
-        generator="random", count=3, low_mm=(-200, -3000, 900), high_mm=(200, -2500, 1100), look_at_mm=(0, 0, 1000)
-    ))  # fmt: skip
+        generator="random",
+        first_code=200,
+        count=12,
+        low_mm=(3000, 3000, 0),
+        high_mm=(5000, 5000, 2000),
+        spacing_mm=150,
+        seed=4,
+    )
+    stations = (
+        *quick_scene.stations,
+        StationRandom(
+            generator="random", count=3, low_mm=(-200, -3000, 900), high_mm=(200, -2500, 1100), look_at_mm=(0, 0, 1000)
+        ),
+    )
     scene = quick_scene.model_copy(update={"check_targets": (part,), "stations": stations})
     more = part.model_copy(update={"count": 20})
     board = scene.boards[0].model_copy(update={"position_mm": (2900.0, 2900.0, 500.0)})

@@ -57,10 +57,21 @@ def scene(
     image, point = (v.ravel() for v in np.meshgrid(np.arange(stations), np.arange(points), indexing="ij"))
     m = len(image)
     network = Network(
-        (Camera.of(camera),), camera_from_world, Images.one_camera(stations), Poses.identity(0), (), xyz,
-        np.full(points, -1), xyz, np.zeros((points, 3, 3)), image, point, np.zeros((m, 2)),
-        np.tile(SIGMA_PX**2 * np.eye(2), (m, 1, 1)), np.zeros((m, 2)),
-    )  # fmt: skip
+        (Camera.of(camera),),
+        camera_from_world,
+        Images.one_camera(stations),
+        Poses.identity(0),
+        (),
+        xyz,
+        np.full(points, -1),
+        xyz,
+        np.zeros((points, 3, 3)),
+        image,
+        point,
+        np.zeros((m, 2)),
+        np.tile(SIGMA_PX**2 * np.eye(2), (m, 1, 1)),
+        np.zeros((m, 2)),
+    )
     xy = predict(network)
     return replace(network, xy_px=xy).take(((xy > 0) & (xy < [4095, 2999])).all(axis=1))
 

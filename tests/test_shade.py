@@ -23,25 +23,49 @@ FINE = 16
 def staircase(tmp_path_factory: pytest.TempPathFactory) -> tuple[Frame, Run]:
     """Three cards edge to edge, each nearer than the last, in light from all sides; a frame without noise."""
     scene = {
-        "name": "staircase", "seed": 5, "volume": {"size_mm": [500, 200, 200]},
-        "camera": {"width_px": 640, "height_px": 400, "pixel_pitch_um": 4.5, "focal_length_mm": 9.0,
-                   "f_number": 5.6, "psf_sigma_px": 0.6},
-        "exposure": {"time_ms": 8.0}, "room": {"ambient_w_m2_sr": AMBIENT_W_M2_SR}, 
-        "boards": [{
-            "name": "A", "size_mm": [450, 360], "position_mm": [0, 60, -400], "normal": [0, -1, 0],
-            "extension_zone": {"columns": 3, "rows": 3, "pitch_mm": 110, "diameter_mm": 32, "centre_mm": [70, 0]},
-            "recognition_zone": {
-                "columns": 1, "rows": 3, "pitch_mm": 120, "diameter_mm": 32, "centre_mm": [-155, 0], "first_code": 1,
-            },
-        }],
+        "name": "staircase",
+        "seed": 5,
+        "volume": {"size_mm": [500, 200, 200]},
+        "camera": {
+            "width_px": 640,
+            "height_px": 400,
+            "pixel_pitch_um": 4.5,
+            "focal_length_mm": 9.0,
+            "f_number": 5.6,
+            "psf_sigma_px": 0.6,
+        },
+        "exposure": {"time_ms": 8.0},
+        "room": {"ambient_w_m2_sr": AMBIENT_W_M2_SR},
+        "boards": [
+            {
+                "name": "A",
+                "size_mm": [450, 360],
+                "position_mm": [0, 60, -400],
+                "normal": [0, -1, 0],
+                "extension_zone": {"columns": 3, "rows": 3, "pitch_mm": 110, "diameter_mm": 32, "centre_mm": [70, 0]},
+                "recognition_zone": {
+                    "columns": 1,
+                    "rows": 3,
+                    "pitch_mm": 120,
+                    "diameter_mm": 32,
+                    "centre_mm": [-155, 0],
+                    "first_code": 1,
+                },
+            }
+        ],
         "check_targets": [
-            {"code": 61 + k, "position_mm": [(k - 1) * PITCH_MM, -k * STEP_MM, 0.0], "normal": [0, -1, 0.05],
-             "diameter_mm": 32.0} for k in range(3)
+            {
+                "code": 61 + k,
+                "position_mm": [(k - 1) * PITCH_MM, -k * STEP_MM, 0.0],
+                "normal": [0, -1, 0.05],
+                "diameter_mm": 32.0,
+            }
+            for k in range(3)
         ],
         "stations": [
             {"name": f"s{k}", "position_mm": [700.0 * (k - 1), -3200, 0], "look_at_mm": [0, 0, 0]} for k in (1, 2)
         ],
-    }  # fmt: skip
+    }
     folder: Path = tmp_path_factory.mktemp("staircase")
     (folder / "scene.toml").write_text(tomli_w.dumps(scene))
     run, _ = begin(folder / "scene.toml", folder / "run", None, 1)

@@ -14,12 +14,23 @@ from testfield.chain.stages import run_stage
 from testfield.render.variant import mitsuba
 
 MADE = {
-    "render": "radiance/*", "expose": "frames/*", "detect": "observations.parquet", "calibrate": "calibration.json",
-    "reconstruct": "points.parquet", "score": "scorecard.json", "report": "report.html",
-}  # fmt: skip
+    "render": "radiance/*",
+    "expose": "frames/*",
+    "detect": "observations.parquet",
+    "calibrate": "calibration.json",
+    "reconstruct": "points.parquet",
+    "score": "scorecard.json",
+    "report": "report.html",
+}
 USUAL = {
-    "render": 3.4, "expose": 3.0, "detect": 34.0, "calibrate": 7.8, "reconstruct": 0.33, "score": 0.3, "report": 9.8,
-}  # fmt: skip
+    "render": 3.4,
+    "expose": 3.0,
+    "detect": 34.0,
+    "calibrate": 7.8,
+    "reconstruct": 0.33,
+    "score": 0.3,
+    "report": 9.8,
+}
 """Times of the fixed work that each stage of the tiny scene takes; among processors they differ by a half."""
 SLOWER = 2.5
 TIMES = 2

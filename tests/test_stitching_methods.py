@@ -71,8 +71,16 @@ def _rank(homographies: list[np.ndarray]) -> int:
 
     def row(h: np.ndarray, i: int, j: int) -> np.ndarray:
         a, b = h[:, i], h[:, j]
-        return np.array([a[0] * b[0], a[0] * b[1] + a[1] * b[0], a[1] * b[1], a[2] * b[0] + a[0] * b[2],
-                         a[2] * b[1] + a[1] * b[2], a[2] * b[2]])  # fmt: skip
+        return np.array(
+            [
+                a[0] * b[0],
+                a[0] * b[1] + a[1] * b[0],
+                a[1] * b[1],
+                a[2] * b[0] + a[0] * b[2],
+                a[2] * b[1] + a[1] * b[2],
+                a[2] * b[2],
+            ]
+        )
 
     to_unit = np.linalg.inv([[1000.0, 0, MIDDLE[0]], [0, 1000.0, MIDDLE[1]], [0, 0, 1]])
     rows = []
@@ -83,8 +91,12 @@ def _rank(homographies: list[np.ndarray]) -> int:
     return int(np.linalg.matrix_rank(np.array(rows), tol=1e-4))
 
 
-COPLANAR = [FIRST, _board([0, 0, 0.7], [450, -80, 0]), _board([0, 0, -1.2], [-420, 90, 0]),
-            _board([0, 0, 2.0], [60, 400, 0])]  # fmt: skip
+COPLANAR = [
+    FIRST,
+    _board([0, 0, 0.7], [450, -80, 0]),
+    _board([0, 0, -1.2], [-420, 90, 0]),
+    _board([0, 0, 2.0], [60, 400, 0]),
+]
 TILTED = [FIRST, _board([0.45, 0.1, 0], [450, -80, 20]), _board([-0.2, 0.5, 0.3], [-420, 90, -30])]
 
 

@@ -187,8 +187,12 @@ def test_every_finding_of_a_study_has_a_paragraph_for_holding_or_failing(name: s
     findings = study.read(pd.DataFrame(columns=list(ROWS[name]))).findings
     names = [finding.name for finding in findings]
     assert len(set(names)) == len(names) and set(study.rests_on) <= set(names)
-    said = {(name, outcome) for part in read_conclusion(study.conclusion) for name in part.asserted
-            for outcome in part.asserted[name]}  # fmt: skip
+    said = {
+        (name, outcome)
+        for part in read_conclusion(study.conclusion)
+        for name in part.asserted
+        for outcome in part.asserted[name]
+    }
     assert {name for name, _ in said} <= set(names)
     silent = [name for name in names if not {(name, HOLDS), (name, FAILS)} & said]
     assert not silent

@@ -55,10 +55,19 @@ def _rows(base_rows: int, noise: float, levels: int = 3, repeats: int = 2) -> pd
 def _samples() -> pd.DataFrame:
     rng = generator(2, "grey rows")
     rows = [
-        {"part": "exposures", "centroid": centroid, "exposure": e, "station": 0, "mark": m,
-         "error_x_px": 0.01 * rng.normal() + 0.003 * (m % 3), "error_y_px": 0.01 * rng.normal()}
-        for centroid in grey.CENTROIDS for e in range(6) for m in range(12)
-    ]  # fmt: skip
+        {
+            "part": "exposures",
+            "centroid": centroid,
+            "exposure": e,
+            "station": 0,
+            "mark": m,
+            "error_x_px": 0.01 * rng.normal() + 0.003 * (m % 3),
+            "error_y_px": 0.01 * rng.normal(),
+        }
+        for centroid in grey.CENTROIDS
+        for e in range(6)
+        for m in range(12)
+    ]
     for case in grey.laws(2000):
         rows += [case.labels | row for row in grey_samples.sample_law(case, None)]
     return pd.DataFrame(rows)
@@ -278,10 +287,18 @@ def test_errors_are_called_unlike_normal_ones_only_where_they_are(short):
 def _read_exposures(errors: np.ndarray) -> Results:
     half = errors.shape[1] // 2
     rows = [
-        {"part": "exposures", "centroid": "forward_model", "exposure": e, "station": 0, "mark": m,
-         "error_x_px": errors[e, m], "error_y_px": errors[e, half + m]}
-        for e in range(len(errors)) for m in range(half)
-    ]  # fmt: skip
+        {
+            "part": "exposures",
+            "centroid": "forward_model",
+            "exposure": e,
+            "station": 0,
+            "mark": m,
+            "error_x_px": errors[e, m],
+            "error_y_px": errors[e, half + m],
+        }
+        for e in range(len(errors))
+        for m in range(half)
+    ]
     return grey_page.read(pd.DataFrame(rows))
 
 
@@ -341,8 +358,11 @@ def test_normal_samples_and_laws_give_the_outcomes_that_theory_has(short):
 def test_a_degree_that_keeps_nothing_below_what_acts_is_not_called_misleading(short, monkeypatch: pytest.MonkeyPatch):
     usual = _read(_rows(16, 0.05))
     assert usual["nothing_above"].outcome == FAILS and usual["orders"].outcome == FAILS
-    monkeypatch.setattr(grey_design, "bootstrap", lambda runs, count: dict.fromkeys(
-        grey_rankings.METHODS, np.tile(EFFECT - 1e-9 * np.arange(12), (count, 1))))  # fmt: skip
+    monkeypatch.setattr(
+        grey_design,
+        "bootstrap",
+        lambda runs, count: dict.fromkeys(grey_rankings.METHODS, np.tile(EFFECT - 1e-9 * np.arange(12), (count, 1))),
+    )
     assert _read(_rows(16, 0.05))["nothing_above"].outcome == HOLDS
 
 

@@ -36,9 +36,20 @@ def _truth(world: World, moved: Poses | None = None) -> Calibration:
     _, boards = true_in_datum(world, names)
     labels = tuple(f"board:{n}.{axis}" for n in names[1:] for axis in ("rx", "ry", "rz", "tx", "ty", "tz"))
     return Calibration(
-        "true", world.interior, world.station_name, world.camera_from_world, names, moved or boards, 1.0,
-        np.diag(np.tile([1e-10] * 3 + [1e-4] * 3, len(names) - 1)), labels, 1.0, 1, 0.0, 0,
-    )  # fmt: skip
+        "true",
+        world.interior,
+        world.station_name,
+        world.camera_from_world,
+        names,
+        moved or boards,
+        1.0,
+        np.diag(np.tile([1e-10] * 3 + [1e-4] * 3, len(names) - 1)),
+        labels,
+        1.0,
+        1,
+        0.0,
+        0,
+    )
 
 
 def test_growth_has_the_check_value_of_methods() -> None:
@@ -96,12 +107,16 @@ def test_a_turned_link_moves_the_boards_behind_it() -> None:
 @pytest.mark.parametrize(
     "table",
     [
-        stitching_scenes.field("planned", 12, 3), stitching_scenes.field("random", 6, 3, bow_mm=1.0),
-        stitching_scenes.field("flat", 3, 3, scale_ppm=200.0), stitching_scenes.full(6, 3, bow_mm=1.0),
-        stitching_scenes.charuco(3, 3), stitching_scenes.close("sub-board", 3), stitching_scenes.chain(3, 1, 3),
+        stitching_scenes.field("planned", 12, 3),
+        stitching_scenes.field("random", 6, 3, bow_mm=1.0),
+        stitching_scenes.field("flat", 3, 3, scale_ppm=200.0),
+        stitching_scenes.full(6, 3, bow_mm=1.0),
+        stitching_scenes.charuco(3, 3),
+        stitching_scenes.close("sub-board", 3),
+        stitching_scenes.chain(3, 1, 3),
     ],
     ids=lambda table: table["name"],
-)  # fmt: skip
+)
 def test_every_scene_passes_all_checks(table: stitching_scenes.Table) -> None:
     scene = _scene(table)
     world = build_world(scene)
@@ -162,8 +177,10 @@ def test_of_a_chain_that_breaks_in_one_world_the_others_are_kept(monkeypatch: py
     monkeypatch.setattr(stitching, "_calibrated", breaking)
     rows = stitching.draw_chain(Case({"boards": 2, "level": 0.0}, "", None, {"seeds": [4, 5, 6], "wide": (1,)}), None)
     assert [(row["world"], row["failed"], row.get("links")) for row in rows] == [
-        (4, "", 1), (5, "nothing holds", None), (6, "", 1),
-    ]  # fmt: skip
+        (4, "", 1),
+        (5, "nothing holds", None),
+        (6, "", 1),
+    ]
 
 
 def test_a_chain_uses_of_close_views_only_the_two_boards_they_are_aimed_at() -> None:
@@ -171,9 +188,10 @@ def test_a_chain_uses_of_close_views_only_the_two_boards_they_are_aimed_at() -> 
     for wide in (0, 1):
         kept = stitching.chained(observations, world, wide)
         seen = {
-            name: set(kept.board[kept.station == s].tolist()) - {-1} for s, name in enumerate(kept.stations)
+            name: set(kept.board[kept.station == s].tolist()) - {-1}
+            for s, name in enumerate(kept.stations)
             if (kept.station == s).any()
-        }  # fmt: skip
+        }
         assert seen["link02a"] == {1, 2} and seen["link03b"] == {2, 3}
         assert [name for name in seen if name.startswith("wide")] == ["wide01a"][:wide]
 
@@ -192,12 +210,20 @@ def test_confined_observations_lie_in_the_middle_and_coverage_says_how_much() ->
 
 
 def test_drawn_boards_are_stitched_within_what_is_claimed() -> None:
-    options = {"scene": ("field", "planned", 3), "values": {}, "seeds": [11], "windows": (0.7,),
-               "methods": ["stitched", "stitched_given"]}  # fmt: skip
+    options = {
+        "scene": ("field", "planned", 3),
+        "values": {},
+        "seeds": [11],
+        "windows": (0.7,),
+        "methods": ["stitched", "stitched_given"],
+    }
     rows = stitching.draw_field(Case({"boards": 3}, "", None, options), None)
     assert [(row["method"], row["cut"]) for row in rows] == [
-        ("stitched", ""), ("stitched_given", ""), ("stitched", "middle"), ("stitched", "spread"),
-    ]  # fmt: skip
+        ("stitched", ""),
+        ("stitched_given", ""),
+        ("stitched", "middle"),
+        ("stitched", "spread"),
+    ]
     assert rows[0]["boards_nees"] < 2.5 and rows[0]["check_points"] == 12 and rows[0]["corner_px"] < 0.3
     assert rows[1]["check_unfitted_mm"] < 0.7 * rows[0]["check_unfitted_mm"]
     assert rows[2]["observations"] == pytest.approx(rows[3]["observations"], rel=0.05)
@@ -206,8 +232,16 @@ def test_drawn_boards_are_stitched_within_what_is_claimed() -> None:
 
 
 def test_a_rendered_board_goes_through_the_same_cases_as_drawn_ones(tmp_path: Path) -> None:
-    table = changed(stitching_scenes.close("sub-board", 1), {"camera.width_px": 800, "camera.height_px": 600,
-                    "camera.pixel_pitch_um": 9.0, "exposure.time_ms": 2.0, "render.light_paths": 32})  # fmt: skip
+    table = changed(
+        stitching_scenes.close("sub-board", 1),
+        {
+            "camera.width_px": 800,
+            "camera.height_px": 600,
+            "camera.pixel_pitch_um": 9.0,
+            "exposure.time_ms": 2.0,
+            "render.light_paths": 32,
+        },
+    )
     table["stations"] = table["stations"][:4]
     table["measure"] = {"hold": ["k3"]}
     options = {"methods": ["stitched"]}

@@ -20,14 +20,26 @@ from testfield_studies.stitching.page import STUDY
 
 HOLDS, FAILS, OPEN = Outcome.HOLDS, Outcome.FAILS, Outcome.OPEN
 FIELDS = {
-    ("planned", 1, "stitched"): 0.9, ("planned", 3, "stitched"): 0.1, ("planned", 6, "stitched"): 0.015,
-    ("planned", 12, "stitched"): 0.01, ("planned", 12, "stitched_given"): 0.008, ("planned", 1, "zhang"): 2e4,
-    ("planned", 3, "zhang"): np.nan, ("planned", 3, NO_BAR): 5.0, ("flat", 3, "stitched"): 0.2,
-    ("flat", 12, "stitched"): 0.018, ("random", 3, "stitched"): 0.1, ("random", 12, "stitched"): 0.011,
-    ("full-size", 3, "stitched"): 0.02, ("full-size", 12, "stitched"): 0.005, ("charuco", 3, "opencv"): 80.0,
-    ("charuco", 3, "stitched"): 0.3, ("charuco", 3, NO_BAR): 90.0, ("sub-board, close", 1, "zhang"): 0.004,
+    ("planned", 1, "stitched"): 0.9,
+    ("planned", 3, "stitched"): 0.1,
+    ("planned", 6, "stitched"): 0.015,
+    ("planned", 12, "stitched"): 0.01,
+    ("planned", 12, "stitched_given"): 0.008,
+    ("planned", 1, "zhang"): 2e4,
+    ("planned", 3, "zhang"): np.nan,
+    ("planned", 3, NO_BAR): 5.0,
+    ("flat", 3, "stitched"): 0.2,
+    ("flat", 12, "stitched"): 0.018,
+    ("random", 3, "stitched"): 0.1,
+    ("random", 12, "stitched"): 0.011,
+    ("full-size", 3, "stitched"): 0.02,
+    ("full-size", 12, "stitched"): 0.005,
+    ("charuco", 3, "opencv"): 80.0,
+    ("charuco", 3, "stitched"): 0.3,
+    ("charuco", 3, NO_BAR): 90.0,
+    ("sub-board, close", 1, "zhang"): 0.004,
     ("charuco, close", 1, "opencv"): 0.05,
-}  # fmt: skip
+}
 """Median corner errors; worlds scatter by a fifth about them."""
 MM_OF = {"stitched": 0.02, "stitched_given": 0.005}
 Frame = pd.DataFrame
@@ -42,15 +54,32 @@ def _count_rows(fields: dict = FIELDS, worlds: int = 10, rendered: int = 2, cost
             for world, factor in enumerate(np.linspace(0.8, 1.2, n)):
                 failed = "nothing was determined" if np.isnan(corner) else ""
                 own = 1 + 0.1 * np.sin(7 * world)
-                rows.append({
-                    "experiment": "count", "target": target, "boards": boards, "level": 0.0, "evidence": evidence,
-                    "method": method, "failed": failed, "cut": "", "window": 1.0, "world": world,
-                    "corner_px": corner * factor, "coverage": min(1, boards / 12), "sigma0": 1.0, "interior_nees": 1.0,
-                    "boards_nees": 1.0, "check_nees": 1.0, "check_rmse_mm": 0.01 / boards * factor,
-                    "mother_rms_mm": 0.01 * factor, "mother_flatness_mm": 0.02 * factor, "true_flatness_mm": 0.0,
-                    "flat_passed": 1.0,
-                    "check_unfitted_mm": 0.005 * own * (costs if method == "stitched" else 1.0),
-                })  # fmt: skip
+                rows.append(
+                    {
+                        "experiment": "count",
+                        "target": target,
+                        "boards": boards,
+                        "level": 0.0,
+                        "evidence": evidence,
+                        "method": method,
+                        "failed": failed,
+                        "cut": "",
+                        "window": 1.0,
+                        "world": world,
+                        "corner_px": corner * factor,
+                        "coverage": min(1, boards / 12),
+                        "sigma0": 1.0,
+                        "interior_nees": 1.0,
+                        "boards_nees": 1.0,
+                        "check_nees": 1.0,
+                        "check_rmse_mm": 0.01 / boards * factor,
+                        "mother_rms_mm": 0.01 * factor,
+                        "mother_flatness_mm": 0.02 * factor,
+                        "true_flatness_mm": 0.0,
+                        "flat_passed": 1.0,
+                        "check_unfitted_mm": 0.005 * own * (costs if method == "stitched" else 1.0),
+                    }
+                )
     return pd.DataFrame(rows)
 
 
@@ -58,27 +87,62 @@ def _coverage_rows(middle: float = 2.0, spread: float = 0.03) -> Frame:
     rows = []
     for cut, window, world in product(("middle", "spread"), (0.5, 0.8, 1.0), range(6)):
         corner = (middle if cut == "middle" else spread) if window == 0.5 else 0.01
-        rows.append({
-            "experiment": "coverage", "target": "planned", "boards": 12, "level": 0.0, "evidence": "drawn", "cut": cut,
-            "window": window, "corner_px": corner * (0.9 + 0.04 * world), "method": "stitched", "failed": "",
-            "world": world, "coverage": window, "observations": 100,
-        })  # fmt: skip
+        rows.append(
+            {
+                "experiment": "coverage",
+                "target": "planned",
+                "boards": 12,
+                "level": 0.0,
+                "evidence": "drawn",
+                "cut": cut,
+                "window": window,
+                "corner_px": corner * (0.9 + 0.04 * world),
+                "method": "stitched",
+                "failed": "",
+                "world": world,
+                "coverage": window,
+                "observations": 100,
+            }
+        )
     return pd.DataFrame(rows)
 
 
 def _fault_rows(full: float = 60.0, passed: bool = False, failing: int = 0, worlds: int = 8) -> Frame:
     rows = []
     for fault, target, level, corner in (
-        ("bent", "planned", 1.0, 2.0), ("bent", "full-size", 1.0, full), ("scale", "planned", 200.0, 0.1),
-    ):  # fmt: skip
+        ("bent", "planned", 1.0, 2.0),
+        ("bent", "full-size", 1.0, full),
+        ("scale", "planned", 200.0, 0.1),
+    ):
         for world in range(worlds):
             good = world >= failing
-            rows.append({
-                "experiment": fault, "target": target, "boards": 6, "level": level, "evidence": "drawn", "cut": "",
-                "method": "stitched", "window": 1.0, "world": world, "failed": "" if good else "no board was seen",
-                **({"corner_px": corner * (0.9 + 0.02 * world), "check_rmse_mm": 0.05, "mother_rms_mm": 0.1,
-                    "sigma0": 8.0, "check_nees": 9.0, "test_passed": passed, "coverage": 1.0} if good else {}),
-            })  # fmt: skip
+            rows.append(
+                {
+                    "experiment": fault,
+                    "target": target,
+                    "boards": 6,
+                    "level": level,
+                    "evidence": "drawn",
+                    "cut": "",
+                    "method": "stitched",
+                    "window": 1.0,
+                    "world": world,
+                    "failed": "" if good else "no board was seen",
+                    **(
+                        {
+                            "corner_px": corner * (0.9 + 0.02 * world),
+                            "check_rmse_mm": 0.05,
+                            "mother_rms_mm": 0.1,
+                            "sigma0": 8.0,
+                            "check_nees": 9.0,
+                            "test_passed": passed,
+                            "coverage": 1.0,
+                        }
+                        if good
+                        else {}
+                    ),
+                }
+            )
     return pd.DataFrame(rows)
 
 
@@ -97,14 +161,27 @@ def _chain_rows(back: float = 1.0, by: float = 1.5, worlds: int = 40, mother_by:
             place = np.cumsum(shift + 440 * (np.cumsum(turn, axis=0) - turn), axis=0)
             for wide, k in product((0, 4), range(7)):
                 row = {
-                    "experiment": "chain", "target": "chain", "boards": 8, "evidence": "drawn", "level": sigma,
-                    "wide": wide, "links": k + 1, "world": world, "nees": 1.0, "method": "stitched", "failed": "",
-                    "u_out_mm": 0.01, "u_up_mm": 0.01,
+                    "experiment": "chain",
+                    "target": "chain",
+                    "boards": 8,
+                    "evidence": "drawn",
+                    "level": sigma,
+                    "wide": wide,
+                    "links": k + 1,
+                    "world": world,
+                    "nees": 1.0,
+                    "method": "stitched",
+                    "failed": "",
+                    "u_out_mm": 0.01,
+                    "u_up_mm": 0.01,
                     "mother_rms_mm": 0.01 * (1 + 0.2 * np.sin(world)) / (mother_by if wide else 1),
-                }  # fmt: skip
+                }
                 for i, axis in enumerate(("out", "up")):
-                    row |= {f"shift_{axis}_mm": shift[k, i], f"turn_{axis}_rad": turn[k, i],
-                            f"{axis}_mm": place[k, i] / (by if wide else 1)}  # fmt: skip
+                    row |= {
+                        f"shift_{axis}_mm": shift[k, i],
+                        f"turn_{axis}_rad": turn[k, i],
+                        f"{axis}_mm": place[k, i] / (by if wide else 1),
+                    }
                 rows.append(row)
     rendered = [row | {"evidence": "rendered"} for row in rows if row["level"] and row["world"] < 2]
     return pd.DataFrame(rows + rendered)
@@ -130,8 +207,12 @@ def _usual() -> Results:
 def _changed(**fields: float) -> Frame:
     """Count rows with other corner errors, by target and boards: `planned_12=0.3`."""
     names = {"close_1": ("sub-board, close", 1, "zhang")}
-    keys = {name: names.get(name, (name.rpartition("_")[0].replace("full", "full-size"),
-            int(name.rpartition("_")[2]), "stitched")) for name in fields}  # fmt: skip
+    keys = {
+        name: names.get(
+            name, (name.rpartition("_")[0].replace("full", "full-size"), int(name.rpartition("_")[2]), "stitched")
+        )
+        for name in fields
+    }
     assert all(key in FIELDS for key in keys.values())
     return _count_rows(FIELDS | {keys[name]: value for name, value in fields.items()})
 
@@ -144,12 +225,23 @@ def test_usual_rows_give_the_outcomes_that_were_put_in() -> None:
     found = {finding.name: finding.outcome for finding in _usual().findings}
     assert STUDY.verdict(_usual()) == FAILS  # for stitching has an error
     assert {name for name, outcome in found.items() if outcome == FAILS} == {
-        "letter", "as_full", "law_printed_out", "law_printed_up", "random_walk",
-    }  # fmt: skip
+        "letter",
+        "as_full",
+        "law_printed_out",
+        "law_printed_up",
+        "random_walk",
+    }
     assert {name for name, outcome in found.items() if outcome == OPEN} == {
-        "as_full_points", "random_three", "random_most", "charuco", "independent", "loops_exact_mother",
-        "loops_printed_mother", "long_law_exact_out", "long_law_printed_up",
-    }  # fmt: skip
+        "as_full_points",
+        "random_three",
+        "random_most",
+        "charuco",
+        "independent",
+        "loops_exact_mother",
+        "loops_printed_mother",
+        "long_law_exact_out",
+        "long_law_printed_up",
+    }
 
 
 def test_figures_are_those_of_the_rows() -> None:
@@ -208,10 +300,12 @@ def test_contrary_rows_turn_a_finding(parts: dict[str, Frame], finding: str, bef
 @pytest.mark.parametrize(
     ("errors", "enough", "coverage"),
     [
-        ({}, 6, 50), ({"planned_3": 0.001, "planned_6": 0.5}, 12, 100), ({"planned_3": 0.001}, 3, 25),
+        ({}, 6, 50),
+        ({"planned_3": 0.001, "planned_6": 0.5}, 12, 100),
+        ({"planned_3": 0.001}, 3, 25),
         ({"planned_12": 0.5}, 0, None),
     ],
-)  # fmt: skip
+)
 def test_enough_boards_are_those_from_which_on_all_are_good(
     errors: dict[str, float], enough: int, coverage: float | None
 ) -> None:
@@ -245,8 +339,17 @@ def test_worlds_that_failed_are_beyond_all_in_every_column_and_say_why() -> None
 
 
 def test_a_chain_that_failed_in_one_world_is_told_of_the_others() -> None:
-    broken = {"experiment": "chain", "target": "chain", "boards": 8, "level": 0.0, "evidence": "drawn", "wide": 0,
-              "world": 99, "method": "stitched", "failed": "the chain is broken"}  # fmt: skip
+    broken = {
+        "experiment": "chain",
+        "target": "chain",
+        "boards": 8,
+        "level": 0.0,
+        "evidence": "drawn",
+        "wide": 0,
+        "world": 99,
+        "method": "stitched",
+        "failed": "the chain is broken",
+    }
     whole, part = _usual(), _read(chain=pd.concat([_chain_rows(), pd.DataFrame([broken])]))
     assert STUDY.concluded(part) == STUDY.concluded(whole)
     table = next(table for table in part.tables if table.title == "The last board of each chain").frame

@@ -128,9 +128,11 @@ def test_narrower_claims_are_compared_with_the_sandwich_in_the_same_frame(
     for k in range(len(R)):
         turns[calibration.index(rows(k))[3:]] = R[k]
     wrong = replace(
-        calibration, method="shifted", covariance=0.09 * turns @ turns.T,
+        calibration,
+        method="shifted",
+        covariance=0.09 * turns @ turns.T,
         stations=replace(calibration.stations, t_mm=calibration.stations.t_mm + R @ shift),
-    )  # fmt: skip
+    )
     by = {row["method"]: row for row in compared(observations, wrong, world.field, world, 6, ["parametric_wls", "ml"])}
     for row in by.values():
         assert row["frame_mm2"] == pytest.approx(row["points"] * shift @ shift, rel=0.02)
@@ -240,17 +242,35 @@ def _table(
                         error = rng.standard_normal((40, 3)) + again * always
                         error *= np.sqrt(square / (error**2).sum())
                         kept = method in KEPT_ERRORS
-                        rows.append({
-                            "ranges": ranges, "noise": "low", "exposure": exposure, "cameras": n, "set": 0,
-                            "calibration": kind, "method": method, "points": 40, "square_mm2": square,
-                            "claimed_mm2": 40 * 3e-4 / factor**2 / (1 + again**2), "frame_mm2": 2 * square,
-                            "nees": noise * (1 + again**2), "nees_points": noise, "nees_points_frame": noise,
-                            "hits": 38, "rejected": 0, "law_ranges": 1.4, "law_noise": 1.8, "law_cameras": law,
-                            "nees_narrow": narrow * noise if method in ("ml", "parametric_wls") else np.nan,
-                            "square_normal_mm2": square / 3, "claimed_normal_mm2": 40e-4 / factor**2,
-                            "error_mm": error.ravel().astype(np.float32) if kept else None,
-                            "codes": codes if kept else None, "why": None,
-                        })  # fmt: skip
+                        rows.append(
+                            {
+                                "ranges": ranges,
+                                "noise": "low",
+                                "exposure": exposure,
+                                "cameras": n,
+                                "set": 0,
+                                "calibration": kind,
+                                "method": method,
+                                "points": 40,
+                                "square_mm2": square,
+                                "claimed_mm2": 40 * 3e-4 / factor**2 / (1 + again**2),
+                                "frame_mm2": 2 * square,
+                                "nees": noise * (1 + again**2),
+                                "nees_points": noise,
+                                "nees_points_frame": noise,
+                                "hits": 38,
+                                "rejected": 0,
+                                "law_ranges": 1.4,
+                                "law_noise": 1.8,
+                                "law_cameras": law,
+                                "nees_narrow": narrow * noise if method in ("ml", "parametric_wls") else np.nan,
+                                "square_normal_mm2": square / 3,
+                                "claimed_normal_mm2": 40e-4 / factor**2,
+                                "error_mm": error.ravel().astype(np.float32) if kept else None,
+                                "codes": codes if kept else None,
+                                "why": None,
+                            }
+                        )
     return pd.DataFrame(rows)
 
 
@@ -387,10 +407,14 @@ def test_what_comes_again_is_told_from_what_scatters() -> None:
     half = half[half["method"] == "gls"]
     assert half["repeated"].to_numpy(float) == pytest.approx(0.5, abs=0.08) and (half["repeated_low"] > 0.3).all()
     # A target that one exposure has not got is compared in the others.
-    rows = pd.DataFrame({
-        "exposure": [0, 1, 2], "set": 0, "codes": [[1, 2], [1, 2], [2]],
-        "error_mm": [[1.0, 0, 0, 0, 2, 0], [1.0, 0, 0, 0, 2, 0], [0.0, 2, 0]],
-    })  # fmt: skip
+    rows = pd.DataFrame(
+        {
+            "exposure": [0, 1, 2],
+            "set": 0,
+            "codes": [[1, 2], [1, 2], [2]],
+            "error_mm": [[1.0, 0, 0, 0, 2, 0], [1.0, 0, 0, 0, 2, 0], [0.0, 2, 0]],
+        }
+    )
     assert share(rows) == pytest.approx((1, 1, 1))
     assert share(rows[:1]) is None
 

@@ -186,10 +186,11 @@ def test_a_calibration_claimed_too_well_is_found_out() -> None:
 def test_certificates_without_uncertainty_move_nothing(quick: Run) -> None:
     trials = Trials(quick, "calibration")
     certain = replace(
-        quick.field, u_scale=0.0,
+        quick.field,
+        u_scale=0.0,
         boards=tuple(replace(b, u_xy_mm=0.0, u_z_mm=0.0) for b in quick.field.boards),
         scale_bars=tuple(replace(b, u_length_mm=0.0) for b in quick.field.scale_bars),
-    )  # fmt: skip
+    )
     same, sheet = draw_certificates(trials.observations, trials.calibration, certain, 7)
     assert np.array_equal(same.xy_px, trials.observations.xy_px, equal_nan=True)
     assert sheet == certain

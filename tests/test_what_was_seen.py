@@ -52,7 +52,7 @@ def test_a_legacy_board_is_printed_as_opencv_printed_it() -> None:
         pytest.param(lambda: drawn(CHARUCO), "charuco:6x7:DICT_4X4_50:30:22", id="columns and rows exchanged"),
         pytest.param(lambda: 230 - drawn(CHARUCO), "charuco:7x6:DICT_4X4_50:30:22", id="white on black"),
     ],
-)  # fmt: skip
+)
 def test_a_charuco_that_can_be_read_otherwise_is_read_and_it_is_said(image, target: str) -> None:
     found = seen(image(), target)
     here = found.observations
@@ -86,7 +86,7 @@ def test_tags_printed_white_on_black_are_read() -> None:
         (lambda: np.full((200, 300), 300.0), "ring14", "over-exposed"),
         (lambda: 0.02 * drawn(CHECKERBOARD), "ring14", "under-exposed"),
     ],
-)  # fmt: skip
+)
 def test_nothing_found_says_what_was_seen(image, target: str, word: str) -> None:
     found = seen(image(), target)
     assert not (found.observations.status == MEASURED).any()
@@ -162,7 +162,7 @@ def test_a_grid_of_another_size_is_named() -> None:
         ("circles:6x4", ["--radii", "1:2:3"]),
         ("ring14", ["--jobs", "2"]),
     ],
-)  # fmt: skip
+)
 def test_options_that_do_not_apply_are_refused(
     target: str, option: list[str], tmp_path: Path, capsys: pytest.CaptureFixture
 ) -> None:

@@ -65,11 +65,19 @@ def views(camera: Interior, marks: np.ndarray, count: int = 6, seed: int = 0) ->
         point, n = np.flatnonzero(inside), int(inside.sum())
         parts.append(
             Observations(
-                (f"s{len(poses)}",), np.zeros(n, int), xy[inside], np.tile(SIGMA_PX**2 * np.eye(2), (n, 1, 1)),
-                np.tile(9.0 * np.eye(2), (n, 1, 1)), 1 + point, np.zeros(n, int), point, np.ones(n),
-                np.full(n, MEASURED, object), False,
+                (f"s{len(poses)}",),
+                np.zeros(n, int),
+                xy[inside],
+                np.tile(SIGMA_PX**2 * np.eye(2), (n, 1, 1)),
+                np.tile(9.0 * np.eye(2), (n, 1, 1)),
+                1 + point,
+                np.zeros(n, int),
+                point,
+                np.ones(n),
+                np.full(n, MEASURED, object),
+                False,
             )
-        )  # fmt: skip
+        )
         poses.append((turn, shift))
     board = NominalBoard("A", Marks(marks, np.full(len(marks), 8.0), 1 + np.arange(len(marks))), 0.0, 0.0)
     names = tuple(f"s{k}" for k in range(count))

@@ -9,8 +9,16 @@ from typing import TypeVar
 T = TypeVar("T")
 
 DAMAGE = (
-    ValueError, LookupError, TypeError, AttributeError, EOFError, ArithmeticError, RecursionError, MemoryError, OSError,
-)  # fmt: skip
+    ValueError,
+    LookupError,
+    TypeError,
+    AttributeError,
+    EOFError,
+    ArithmeticError,
+    RecursionError,
+    MemoryError,
+    OSError,
+)
 """What reading a damaged file may raise."""
 
 

@@ -22,8 +22,21 @@ sys.path.insert(0, str(HERE))
 from defects import DEFECTS  # noqa: E402
 from planting import Defect, plant  # noqa: E402
 
-LIBRARIES = ("numpy", "scipy.stats", "scipy.optimize", "scipy.spatial", "pandas", "cv2", "matplotlib", "pydantic",
-             "pyarrow.parquet", "jinja2", "pytest", "trimesh", "skimage.measure")  # fmt: skip
+LIBRARIES = (
+    "numpy",
+    "scipy.stats",
+    "scipy.optimize",
+    "scipy.spatial",
+    "pandas",
+    "cv2",
+    "matplotlib",
+    "pydantic",
+    "pyarrow.parquet",
+    "jinja2",
+    "pytest",
+    "trimesh",
+    "skimage.measure",
+)
 GREEN, RED, BROKEN = 0, 1, (2, 3, 4, 5)
 """How pytest ends: all passed, some failed, and nothing that could be judged."""
 

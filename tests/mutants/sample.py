@@ -11,9 +11,12 @@ import sys
 def main(session: str, count: int) -> None:
     """Delete all but `count` defects."""
     with sqlite3.connect(session) as database:
-        jobs = [job for (job,) in database.execute(
-            "select job_id from mutation_specs order by module_path, operator_name, occurrence, operator_args"
-        )]  # fmt: skip
+        jobs = [
+            job
+            for (job,) in database.execute(
+                "select job_id from mutation_specs order by module_path, operator_name, occurrence, operator_args"
+            )
+        ]
         kept = set(random.Random(0).sample(range(len(jobs)), min(count, len(jobs))))
         gone = [(job,) for k, job in enumerate(jobs) if k not in kept]
         for table in ("mutation_specs", "work_items"):

@@ -12,12 +12,21 @@ import tomli_w
 from hypothesis import strategies as st
 
 WEIRD = st.one_of(
-    st.none(), st.booleans(), st.integers(-3, 3), st.integers(-(2**70), 2**70), st.floats(), st.floats(-10, 10),
+    st.none(),
+    st.booleans(),
+    st.integers(-3, 3),
+    st.integers(-(2**70), 2**70),
+    st.floats(),
+    st.floats(-10, 10),
     st.sampled_from([1e300, -1e300, 1e-300, 2.0**63, 2**63, 10**30, 0.0, -0.0]),
-    st.text(max_size=20), st.sampled_from(["", "$5^$ a", "../x", "a\nb", "x" * 5000, "station01", "nan", "\ud800"]),
-    st.just([]), st.just({}), st.lists(st.floats(), max_size=4), st.lists(st.text(max_size=3), max_size=3),
+    st.text(max_size=20),
+    st.sampled_from(["", "$5^$ a", "../x", "a\nb", "x" * 5000, "station01", "nan", "\ud800"]),
+    st.just([]),
+    st.just({}),
+    st.lists(st.floats(), max_size=4),
+    st.lists(st.text(max_size=3), max_size=3),
     st.integers(50, 1500).map(lambda n: [json.loads("[" * min(n, 900) + "]" * min(n, 900))]),
-)  # fmt: skip
+)
 """Values that nobody expects."""
 
 
@@ -156,18 +165,31 @@ READERS = {
     "scene": Reader("scene.toml", of_toml, ("validate", "{}/scene.toml")),
     "scene of a run": Reader("scene.toml", of_toml, ("score", "{}"), ("scorecard.json",)),
     "scene with a mesh": Reader("mesh/scene.toml", of_toml, ("validate", "{}/mesh/scene.toml")),
-    **{f"mesh, {kind}": Reader(f"mesh/body.{kind}", changed_bytes, ("validate", f"{{}}/mesh/{kind}.toml"))
-       for kind in ("stl", "obj", "ply", "glb")},
-    "field file": Reader("photo/field.toml", of_toml,
-                         ("measure", "{}/photo/a.png", "--field", "{}/photo/field.toml", "--out", "{}/out")),
-    **{f"photograph, {kind}": Reader(f"photo/a.{kind}", changed_bytes,
-                                     ("detect", f"{{}}/photo/a.{kind}", "--target", "ring14", "--out", "{}/out"))
-       for kind in ("png", "jpg", "tif", "exr", "bmp")},
-    "radiance": Reader("radiance/station01.exr", changed_bytes, ("expose", "{}", "--jobs", "1"),
-                       ("frames/station01.png", "frames/station01.json")),
+    **{
+        f"mesh, {kind}": Reader(f"mesh/body.{kind}", changed_bytes, ("validate", f"{{}}/mesh/{kind}.toml"))
+        for kind in ("stl", "obj", "ply", "glb")
+    },
+    "field file": Reader(
+        "photo/field.toml", of_toml, ("measure", "{}/photo/a.png", "--field", "{}/photo/field.toml", "--out", "{}/out")
+    ),
+    **{
+        f"photograph, {kind}": Reader(
+            f"photo/a.{kind}",
+            changed_bytes,
+            ("detect", f"{{}}/photo/a.{kind}", "--target", "ring14", "--out", "{}/out"),
+        )
+        for kind in ("png", "jpg", "tif", "exr", "bmp")
+    },
+    "radiance": Reader(
+        "radiance/station01.exr",
+        changed_bytes,
+        ("expose", "{}", "--jobs", "1"),
+        ("frames/station01.png", "frames/station01.json"),
+    ),
     "frame": Reader("frames/station01.png", changed_bytes, ("detect", "{}", "--jobs", "1"), ("observations.parquet",)),
-    "sensor sheet": Reader("frames/station01.json", of_json, ("detect", "{}", "--jobs", "1"),
-                           ("observations.parquet",)),
+    "sensor sheet": Reader(
+        "frames/station01.json", of_json, ("detect", "{}", "--jobs", "1"), ("observations.parquet",)
+    ),
     "observations": Reader("observations.parquet", of_parquet, ("calibrate", "{}"), ("calibration.json",)),
     "observations, twice": Reader("observations.parquet", of_parquet, ("reconstruct", "{}"), ("points.parquet",)),
     "calibration": Reader("calibration.json", of_json, ("reconstruct", "{}"), ("points.parquet",)),
@@ -177,7 +199,7 @@ READERS = {
     "points, accepted": Reader("points.parquet", of_parquet, ("accept", "{}", "--a-mm", "1")),
     "scorecard": Reader("scorecard.json", of_json, ("report", "{}"), ("report.html",)),
     "ledger": Reader("run.json", of_json, ("report", "{}"), ("report.html",)),
-}  # fmt: skip
+}
 
 
 def sound(reader: Reader, folder: Path) -> bytes:

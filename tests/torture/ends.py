@@ -14,8 +14,16 @@ import time
 from pathlib import Path
 from typing import Any
 
-ALIKE = ("scene.toml", "field.json", "radiance/*", "frames/*", "truth/*", "observations.parquet", "calibration.json",
-         "points.parquet")  # fmt: skip
+ALIKE = (
+    "scene.toml",
+    "field.json",
+    "radiance/*",
+    "frames/*",
+    "truth/*",
+    "observations.parquet",
+    "calibration.json",
+    "points.parquet",
+)
 """Files of a run that are the same bytes every time. The others say how long it took."""
 WAYS = ("SIGKILL", "SIGTERM", "a worker", "quota")
 GONE_WITHIN_S = 2.0

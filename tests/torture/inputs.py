@@ -52,8 +52,13 @@ def _batch(name: str, number: int, size: int, folder: Path, sound: Path) -> list
     original = cases.sound(reader, sound)
 
     @seed(number)
-    @settings(max_examples=size, database=None, deadline=None, phases=[Phase.generate],
-              suppress_health_check=list(HealthCheck))  # fmt: skip
+    @settings(
+        max_examples=size,
+        database=None,
+        deadline=None,
+        phases=[Phase.generate],
+        suppress_health_check=list(HealthCheck),
+    )
     @given(st.data())
     def each(data: st.DataObject) -> None:
         content = reader.change(data.draw, original)

@@ -136,9 +136,16 @@ def _adjust(
         network = aligned(network, start.point_mm[loose], loose, free == 7) if free else network
     cov = Covariance(network, equations, inverse, own, ways, loose)
     return Adjustment(
-        network, cov, equations, _residuals(network), weight, _chi2(network, whitening, weight),
-        _freedom(network, equations.size, ways[0].shape[1]), steps, converged,
-    )  # fmt: skip
+        network,
+        cov,
+        equations,
+        _residuals(network),
+        weight,
+        _chi2(network, whitening, weight),
+        _freedom(network, equations.size, ways[0].shape[1]),
+        steps,
+        converged,
+    )
 
 
 def undamped(network: Network, labels: list[str], steps: int) -> Network:

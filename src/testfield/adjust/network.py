@@ -182,9 +182,13 @@ class Network:
     def take(self, rows: np.ndarray) -> "Network":
         """The network with only these image observations."""
         return replace(
-            self, image=self.image[rows], point=self.point[rows], xy_px=self.xy_px[rows],
-            cov_px2=self.cov_px2[rows], offset_px=self.offset_px[rows],
-        )  # fmt: skip
+            self,
+            image=self.image[rows],
+            point=self.point[rows],
+            xy_px=self.xy_px[rows],
+            cov_px2=self.cov_px2[rows],
+            offset_px=self.offset_px[rows],
+        )
 
     def moved(self, step: np.ndarray, point_step: np.ndarray) -> "Network":
         """The network after a step (P,) of the reduced unknowns and (n, 3) of the points that are not among them."""
@@ -199,10 +203,14 @@ class Network:
         points = self.point_mm + point_step
         points[self.kept_points] += step[at.kept :].reshape(-1, 3)
         return replace(
-            self, cameras=tuple(cameras), stations=_turned(self.stations, step[at.station : at.member].reshape(-1, 6)),
-            members=_turned(self.members, members), boards=_turned(self.boards, np.array(free).reshape(-1, 6)),
-            scale=self.scale + float(step[at.scale]) if self.scale_free else self.scale, point_mm=points,
-        )  # fmt: skip
+            self,
+            cameras=tuple(cameras),
+            stations=_turned(self.stations, step[at.station : at.member].reshape(-1, 6)),
+            members=_turned(self.members, members),
+            boards=_turned(self.boards, np.array(free).reshape(-1, 6)),
+            scale=self.scale + float(step[at.scale]) if self.scale_free else self.scale,
+            point_mm=points,
+        )
 
     def labels(
         self,

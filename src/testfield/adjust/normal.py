@@ -194,8 +194,11 @@ class Factor:
             basis = np.linalg.qr(open_ways / self.scale[:, None])[0]
             unit = unit + basis @ basis.T
         if not np.isfinite(unit).all():
-            raise TestfieldError("the adjustment runs away: its equations are no finite numbers", "observations",
-                                 "check that images, boards and points are named as they are")  # fmt: skip
+            raise TestfieldError(
+                "the adjustment runs away: its equations are no finite numbers",
+                "observations",
+                "check that images, boards and points are named as they are",
+            )
         try:
             self.factor = cho_factor(unit)
             sound = float(np.min(np.abs(np.diag(self.factor[0])), initial=1)) ** 2 > SINGULAR

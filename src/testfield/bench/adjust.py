@@ -88,8 +88,13 @@ def against_opencv() -> dict[str, float]:
     single = replace(network, xy_px=np.concatenate(views).astype(float))  # OpenCV takes single precision
     criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 1000, 1e-15)
     theirs, *_ = cv2.calibrateCamera(
-        [board] * len(views), views, (CAMERA.width_px, CAMERA.height_px), None, None, criteria=criteria  # type: ignore[call-overload]
-    )  # fmt: skip
+        [board] * len(views),
+        views,
+        (CAMERA.width_px, CAMERA.height_px),
+        None,
+        None,
+        criteria=criteria,  # type: ignore[call-overload]
+    )
     single = replace(single, point_mm=board.astype(float), known_mm=board.astype(float))
     found = adjust(single, _labels(single))
     ours = float(np.sqrt((found.residual_px**2).sum(axis=1).mean()))

@@ -73,12 +73,15 @@ def summary(trials: list[Errors]) -> dict[str, Any]:
     share, *ends = share_of_clusters(tally.hits, tally.parts, P)
     several = len(trials) > 1
     return {
-        "degrees_of_freedom": len(trials[0].error), "nees": float(tally.nees.mean()),
-        "nees_each": tally.nees.tolist(), "nees_interval_95": _ends(tally) if several else None,
-        "coverage_95": share, "regions": int(tally.parts.sum()),
+        "degrees_of_freedom": len(trials[0].error),
+        "nees": float(tally.nees.mean()),
+        "nees_each": tally.nees.tolist(),
+        "nees_interval_95": _ends(tally) if several else None,
+        "coverage_95": share,
+        "regions": int(tally.parts.sum()),
         "coverage_interval_95": ends if several and tally.parts.any() else None,
         "nees_band_95": list(nees_band(sum(len(t.error) for t in trials))),
-    }  # fmt: skip
+    }
 
 
 def _ends(tally: Tally) -> list[float]:

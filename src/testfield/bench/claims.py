@@ -59,9 +59,12 @@ def over_worlds(text: str, source: Path, worlds: int, tell: Callable[[str], None
     trials = drawn_worlds(text, source, worlds, tell, jobs)
     rmse, u = (float(np.sqrt(np.mean(np.square(v)))) for v in zip(*((t.rmse_mm, t.u_mm) for t in trials), strict=True))
     return {
-        "worlds": worlds, "rmse_mm": rmse, "mean_u_mm": u, "rmse_over_u": rmse / u,
+        "worlds": worlds,
+        "rmse_mm": rmse,
+        "mean_u_mm": u,
+        "rmse_over_u": rmse / u,
         "sigma0": float(np.mean([trial.sigma0 for trial in trials])),
-    } | figures_of([trial.errors for trial in trials])  # fmt: skip
+    } | figures_of([trial.errors for trial in trials])
 
 
 def drawn_worlds(

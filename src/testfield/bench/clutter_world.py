@@ -31,8 +31,9 @@ class ClutterPanels:
         """Add a panel of uneven light; returns its number."""
         level = self.random.uniform(0.35, 0.85)
         slope = self.random.uniform(-0.5, 0.5, 2)
-        corners = level * np.array([1 - slope[0] - slope[1], 1 + slope[0] - slope[1],
-                                    1 - slope[0] + slope[1], 1 + slope[0] + slope[1]])  # fmt: skip
+        corners = level * np.array(
+            [1 - slope[0] - slope[1], 1 + slope[0] - slope[1], 1 - slope[0] + slope[1], 1 + slope[0] + slope[1]]
+        )
         corners = np.clip(corners, 0.15, 1.0)
         if self.random.random() < LIT_CORNER:
             corners[self.random.integers(4)] = 1.6
@@ -94,12 +95,21 @@ def world_of(
         seed=1,
         field_diagonal_mm=3000.0,
         panels=Panels(
-            tuple(f"panel{k}" for k in range(len(at))), Poses(np.array(R), np.array(at)), np.array(size, float),
-            np.array(ground, float), np.array(ink, float),
+            tuple(f"panel{k}" for k in range(len(at))),
+            Poses(np.array(R), np.array(at)),
+            np.array(size, float),
+            np.array(ground, float),
+            np.array(ink, float),
         ),
         marks=TrueMarks(
-            np.array(panel), np.array(xy, float), np.array(diameter, float), np.array(code), np.full(len(marks), CHECK),
-            none, none, field.radii,
+            np.array(panel),
+            np.array(xy, float),
+            np.array(diameter, float),
+            np.array(code),
+            np.full(len(marks), CHECK),
+            none,
+            none,
+            field.radii,
         ),
         world_from_board=Poses.identity(0),
         station_name=("station",),
@@ -110,4 +120,4 @@ def world_of(
         ambient_radiance=0.0,
         field=field,
         meshes=(shapes.mesh(),),
-    )  # fmt: skip
+    )

@@ -35,13 +35,23 @@ FACTORS: dict[str, tuple[str, list[Any]]] = {
 FIXED: dict[str, dict[str, Any]] = {"phase": {"tilt_deg": 0.0}, "coded": {"coded": True}}
 """What else a series asks for: a phase is the same for all dots only on a board that is seen straight."""
 QUICK = {
-    "diameter": (2, 4, 6), "tilt": (0, 4), "snr": (2, 5), "blur": (0, 5), "gradient": (4,), "phase": (2,),
+    "diameter": (2, 4, 6),
+    "tilt": (0, 4),
+    "snr": (2, 5),
+    "blur": (0, 5),
+    "gradient": (4,),
+    "phase": (2,),
     "coded": (1, 3),
-}  # fmt: skip
+}
 CORNERS = [
-    Case(6.0, 60.0, 20.0), Case(6.0, 60.0, 200.0), Case(6.0, 0.0, 20.0), Case(40.0, 60.0, 200.0),
-    Case(40.0, 0.0, 200.0), Case(40.0, 60.0, 20.0), Case(12.0, 60.0, 200.0, 0.7, 0.01),
-]  # fmt: skip
+    Case(6.0, 60.0, 20.0),
+    Case(6.0, 60.0, 200.0),
+    Case(6.0, 0.0, 20.0),
+    Case(40.0, 60.0, 200.0),
+    Case(40.0, 0.0, 200.0),
+    Case(40.0, 60.0, 20.0),
+    Case(12.0, 60.0, 200.0, 0.7, 0.01),
+]
 """Where the requirement's range ends in several ways at once; only the forward model is tried there."""
 EXPOSURES, OTHERS, QUICK_EXPOSURES, QUICK_OTHERS = 64, 16, 20, 3
 LARGE_PX, LEAST_OTHERS = 16.0, 8

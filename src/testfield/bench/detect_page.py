@@ -14,14 +14,24 @@ from testfield.store.stamp import stamp
 from testfield.store.text import read_text, write_text
 
 LABELS = {
-    "diameter": "diameter, px", "tilt": "tilt, degrees", "snr": "contrast over noise", "blur": "blur, px",
-    "gradient": "change of light over a diameter", "phase": "phase on the pixels' grid in x and y, px",
+    "diameter": "diameter, px",
+    "tilt": "tilt, degrees",
+    "snr": "contrast over noise",
+    "blur": "blur, px",
+    "gradient": "change of light over a diameter",
+    "phase": "phase on the pixels' grid in x and y, px",
     "coded": "diameter of the dot in a ring code, px",
-}  # fmt: skip
+}
 TITLES = {
-    "diameter": "Size", "tilt": "Tilt", "snr": "Noise", "blur": "Blur", "gradient": "Uneven light",
-    "phase": "Place on the pixels' grid", "coded": "Ring codes", "corners": "Corners of the required range",
-}  # fmt: skip
+    "diameter": "Size",
+    "tilt": "Tilt",
+    "snr": "Noise",
+    "blur": "Blur",
+    "gradient": "Uneven light",
+    "phase": "Place on the pixels' grid",
+    "coded": "Ring codes",
+    "corners": "Corners of the required range",
+}
 TEMPLATE = Path(__file__).parents[1] / "report/bench_detect.html"
 LOGARITHMIC = ("diameter", "snr", "blur", "coded")
 COLOURS = ("#1a7a4a", "#8a5fb0", "#b08a1e", "#d4719b", "#3aa6a0", "#7a5230", "#5c6f7c", "#6f9b1c", "#4b5fc4")
@@ -122,9 +132,14 @@ def draw(factor: str, rows: list[dict[str, Any]]) -> bytes:
         handles, labels = scatter.get_legend_handles_labels()
         order = [*range(len(handles) - 3, -1, -1), len(handles) - 2, len(handles) - 1]
         curves.legend(
-            [handles[k] for k in order], [labels[k] for k in order], loc="outside upper center", ncols=5,
-            frameon=False, fontsize=8.5, handlelength=3,
-        )  # fmt: skip
+            [handles[k] for k in order],
+            [labels[k] for k in order],
+            loc="outside upper center",
+            ncols=5,
+            frameon=False,
+            fontsize=8.5,
+            handlelength=3,
+        )
         return svg_of(drawing)
 
 

@@ -68,13 +68,18 @@ def trial(kind: str, rms_px: float, draw: int, scenes: Path, folder: Path | None
         card = _rendered(begin(folder / "scene.toml", folder / "run", None, 1)[0])
     camera, points = card["calibration"], card["points"]
     return {
-        "points": points["anees"] if points["anees"] is not None and np.isfinite(points["anees"])
+        "points": points["anees"]
+        if points["anees"] is not None and np.isfinite(points["anees"])
         else points["anees_fitted"],
-        "imaging": camera["imaging_anees"], "interior": camera["interior_anees"],
-        "imaging_error_px": camera["imaging_error_px"], "imaging_u_px": camera["imaging_u_px"],
-        "s_px": (camera["lens_misfit"] or {}).get("s_px", 0.0), "rejected": camera["rejected"],
-        "rmse_mm": points["rmse_mm"], "mean_u_mm": points["mean_u_mm"],
-    }  # fmt: skip
+        "imaging": camera["imaging_anees"],
+        "interior": camera["interior_anees"],
+        "imaging_error_px": camera["imaging_error_px"],
+        "imaging_u_px": camera["imaging_u_px"],
+        "s_px": (camera["lens_misfit"] or {}).get("s_px", 0.0),
+        "rejected": camera["rejected"],
+        "rmse_mm": points["rmse_mm"],
+        "mean_u_mm": points["mean_u_mm"],
+    }
 
 
 def _drawn(table: dict[str, Any], name: str) -> dict[str, Any]:

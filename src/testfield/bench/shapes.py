@@ -72,15 +72,22 @@ def _bars(*bars: tuple[float, float, float, float]) -> Callable[[np.random.Gener
 
 
 SHAPES: tuple[tuple[str, float, Callable[[np.random.Generator], list[Strip]]], ...] = (
-    ("triangle", 0, _polygon(3)), ("square", 0, _polygon(4)), ("pentagon", 4, _polygon(5)),
-    ("hexagon", 6, _polygon(6)), ("crooked", 0, _crooked), ("star", 0, _star), ("half disc", 0, _half_disc),
-    ("sector", 0, _sector), ("ring", 0, _ring), ("arc", 0, _arc),
+    ("triangle", 0, _polygon(3)),
+    ("square", 0, _polygon(4)),
+    ("pentagon", 4, _polygon(5)),
+    ("hexagon", 6, _polygon(6)),
+    ("crooked", 0, _crooked),
+    ("star", 0, _star),
+    ("half disc", 0, _half_disc),
+    ("sector", 0, _sector),
+    ("ring", 0, _ring),
+    ("arc", 0, _arc),
     ("L", 0, _bars((-0.7, -1, -0.3, 1), (-0.3, -1, 0.7, -0.6))),
     ("T", 0, _bars((-0.2, -1, 0.2, 0.6), (-0.8, 0.6, 0.8, 1))),
     ("H", 0, _bars((-0.7, -1, -0.35, 1), (-0.35, -0.2, 0.35, 0.2), (0.35, -1, 0.7, 1))),
     ("cross", 0, _bars((-0.25, -1, 0.25, 1), (-1, -0.25, -0.25, 0.25), (0.25, -0.25, 1, 0.25))),
     (HIGHLIGHT, 0, _polygon(ROUND)),
-)  # fmt: skip
+)
 """Name, least radius in units of the picture's blur, and outline of each kind: no picture tells smaller pentagons and
 hexagons from discs."""
 

@@ -24,17 +24,25 @@ from testfield.store.sheets import (
     covariance,
     read_json,
     unique,
-)  # fmt: skip
+)
 from testfield.store.text import write_text
 
 AXES = ("rx", "ry", "rz", "tx", "ty", "tz")
 TUPLES = (
-    "station_names", "board_names", "labels", "rejected", "notes", "joints", "board_quality", "rejections",
-    "certificates", "failures", "camera_names", "rigs",
-)  # fmt: skip
-ARRAYS = (
-    "covariance", "residual_at_px", "residual_px", "point_code", "point_mm", "image_camera", "residual_camera",
-)  # fmt: skip
+    "station_names",
+    "board_names",
+    "labels",
+    "rejected",
+    "notes",
+    "joints",
+    "board_quality",
+    "rejections",
+    "certificates",
+    "failures",
+    "camera_names",
+    "rigs",
+)
+ARRAYS = ("covariance", "residual_at_px", "residual_px", "point_code", "point_mm", "image_camera", "residual_camera")
 SEVERAL = ("more_cameras", "camera_names", "image_camera", "residual_camera", "rigs")
 """What only the file of several cameras has."""
 
@@ -163,7 +171,7 @@ class Calibration:
             residual_at_px=array(arrays["residual_at_px"], "residual_at_px", residuals, 2),
             point_code=array(arrays["point_code"], "point_code", points, kind=int),
             point_mm=array(arrays["point_mm"], "point_mm", points, 3),
-        )  # fmt: skip
+        )
         _names_fit(found)
         if wrong := what_cannot_be(found):
             raise TestfieldError(wrong, str(path), "make it again, or mend what was edited")
@@ -265,9 +273,11 @@ def _names_fit(found: Calibration) -> None:
     if found.more_cameras and len(found.camera_names) != len(found.interiors):
         raise ValueError(f"{len(found.interiors)} cameras have {len(found.camera_names)} names")
     owners = {
-        "station": set(found.station_names), "board": set(found.board_names), "point": set(map(str, found.point_code)),
+        "station": set(found.station_names),
+        "board": set(found.board_names),
+        "point": set(map(str, found.point_code)),
         "camera": set(found.camera_names),
-    }  # fmt: skip
+    }
     for label in found.labels:
         kind, colon, rest = label.partition(":")
         if colon and kind in owners and rest.rpartition(".")[0] not in owners[kind]:

@@ -98,15 +98,20 @@ def tested(adjustment: Adjustment, ties: Ties, certified: Certified, scale_from:
         return replace(rest, notes=(*notes, said, *rest.notes), failures=(*failed, *rest.failures))
     off = misclosure_of(adjustment, ties, bars, known, certified)
     snooped = snoop(
-        off.value, off.cov, off.design, [item.columns for item in off.items], [item.kind for item in off.items],
-        [_rank(item) for item in off.items], FALSE_ALARM,
-    )  # fmt: skip
+        off.value,
+        off.cov,
+        off.design,
+        [item.columns for item in off.items],
+        [item.kind for item in off.items],
+        [_rank(item) for item in off.items],
+        FALSE_ALARM,
+    )
     return _judged(off, snooped, bars, known, notes)
 
 
-def attached(network: Network, ties: Ties, radius_mm: np.ndarray, held: Tested, certified: Certified) -> tuple[
-    Network, np.ndarray
-]:  # fmt: skip
+def attached(
+    network: Network, ties: Ties, radius_mm: np.ndarray, held: Tested, certified: Certified
+) -> tuple[Network, np.ndarray]:
     """The network with the certificates that hold, near its scale and datum, and its discs' radii (n,)."""
     place = {int(code): k for k, code in enumerate(ties.code)}
     if held.known:
@@ -228,11 +233,12 @@ def _judged(
         failures += [notes[-1]] if scatter > CONTRADICT else []
     more = _scattered(off, snooped.scatter) if scatter > SCATTERED else {}
     held = tuple(
-        replace(bar, u_length_mm=float(np.linalg.norm([
-            bar.u_length_mm, widest * bar.length_mm, more.get((DISTANCE, k), 0.0)
-        ])))
+        replace(
+            bar,
+            u_length_mm=float(np.linalg.norm([bar.u_length_mm, widest * bar.length_mm, more.get((DISTANCE, k), 0.0)])),
+        )
         for k, bar in left.items()
-    )  # fmt: skip
+    )
     places = {c: (xyz, np.hypot(u, more.get((PLACE, c), 0.0))) for c, (xyz, u) in places.items()}
     found = [off.items[k].columns for k in dropped]
     scale = 1.0 if places else _scale(off, found)

@@ -36,9 +36,8 @@ def scale_source(scale_from: str, left: Iterable[ScaleBar]) -> str:
 
 
 def said_of_certificates(
-    item: Item, blunder: Blunder, off: Misclosure, bars: list[ScaleBar],
-    known: dict[int, tuple[np.ndarray, np.ndarray]],
-) -> str:  # fmt: skip
+    item: Item, blunder: Blunder, off: Misclosure, bars: list[ScaleBar], known: dict[int, tuple[np.ndarray, np.ndarray]]
+) -> str:
     """What is wrong with a certificate, by how much, and what that looks like."""
     sure = f"{blunder.sigmas:.3g} standard deviations"
     if item.kind == DISTANCE:
@@ -77,6 +76,10 @@ def record_of(item: Item, sigmas: float, found: Blunder | None, off: Misclosure,
     if error is not None and item.kind == DIAMETERS:
         error /= 1000  # a part, from thousandths
     return {
-        "certificate": item.name, "kind": item.kind, "sigmas": float(found.sigmas if found else sigmas),
-        "off": error, "used": found is None, "contradicts": [off.items[k].name for k in found.alike] if found else [],
-    }  # fmt: skip
+        "certificate": item.name,
+        "kind": item.kind,
+        "sigmas": float(found.sigmas if found else sigmas),
+        "off": error,
+        "used": found is None,
+        "contradicts": [off.items[k].name for k in found.alike] if found else [],
+    }

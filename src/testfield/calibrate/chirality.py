@@ -72,6 +72,7 @@ def refuse_mirrored_points(here_mm: np.ndarray, certified_mm: np.ndarray) -> Non
     motion, reflection = (total - (s[0] + s[1] + way * s[2]) ** 2 / spread for way in (sign, -sign))
     if max(reflection, 0.0) < BETTER**2 * motion:
         raise TestfieldError(
-            "the certified places are the mirror image of what the images show", "the certified points",
+            "the certified places are the mirror image of what the images show",
+            "the certified points",
             "exchange two of their axes, or x and y of the observations: a right-handed frame is needed",
-        )  # fmt: skip
+        )

@@ -70,12 +70,28 @@ def colmap(
     seen = replace(found.network, point_board=owner[0])
     edges = joints(replace(found, network=seen), start.stations, start.boards)
     calibration = Calibration(
-        "colmap", solved.interior, start.stations, found.network.stations, start.boards, boards, 1.0, covariance,
-        names, found.sigma0, found.freedom, float(np.sqrt((found.residual_px**2).sum(axis=1).mean())),
-        len(solved.xy_px), tuple(turned_down), solved.xy_px, found.residual_px,
-        tuple((e["station"], e["board"], e["marks"]) for e in edges), tuple([*notes, OWN_WORD]), joints=edges,
-        board_quality=board_quality(covariance, names, start.boards, edges), test=residual_test(found),
-    )  # fmt: skip
+        "colmap",
+        solved.interior,
+        start.stations,
+        found.network.stations,
+        start.boards,
+        boards,
+        1.0,
+        covariance,
+        names,
+        found.sigma0,
+        found.freedom,
+        float(np.sqrt((found.residual_px**2).sum(axis=1).mean())),
+        len(solved.xy_px),
+        tuple(turned_down),
+        solved.xy_px,
+        found.residual_px,
+        tuple((e["station"], e["board"], e["marks"]) for e in edges),
+        tuple([*notes, OWN_WORD]),
+        joints=edges,
+        board_quality=board_quality(covariance, names, start.boards, edges),
+        test=residual_test(found),
+    )
     return of_joints(calibration)
 
 
@@ -89,10 +105,18 @@ def _loose(start: Start) -> tuple[Network, tuple[np.ndarray, np.ndarray]]:
     chosen = network.take(place[network.point] >= 0)
     xyz = network.datum_mm(kept)
     loose = replace(
-        chosen, boards=Poses.identity(0), ways=(), point_mm=xyz, known_mm=xyz, point=place[chosen.point],
-        point_board=np.full(len(kept), -1), information=np.zeros((len(kept), 3, 3)), distances=Distances(),
-        u_scale=0.0, known_boards=None,
-    )  # fmt: skip
+        chosen,
+        boards=Poses.identity(0),
+        ways=(),
+        point_mm=xyz,
+        known_mm=xyz,
+        point=place[chosen.point],
+        point_board=np.full(len(kept), -1),
+        information=np.zeros((len(kept), 3, 3)),
+        distances=Distances(),
+        u_scale=0.0,
+        known_boards=None,
+    )
     return loose, (network.point_board[kept], network.point_mm[kept])
 
 
@@ -115,15 +139,17 @@ def _on_first_board(network: Network, start: Start, owner: tuple[np.ndarray, np.
     """The network moved and scaled as one so that the first board's points lie on its sheet."""
     here = owner[0] == 0
     if here.sum() < LEAST_POINTS:
-        raise TestfieldError(f"fewer than {LEAST_POINTS} marks of board '{start.boards[0]}' are seen twice",
-                             do="add stations")  # fmt: skip
+        raise TestfieldError(
+            f"fewer than {LEAST_POINTS} marks of board '{start.boards[0]}' are seen twice", do="add stations"
+        )
     R, t, scale = _laid(network.point_mm[here], owner[1][here], with_scale=True)
     centre = scale * network.stations.origin_mm @ R.T + t
     turned = network.stations.R @ R.T
     return replace(
-        network, stations=Poses(turned, -np.einsum("nij,nj->ni", turned, centre)),
+        network,
+        stations=Poses(turned, -np.einsum("nij,nj->ni", turned, centre)),
         point_mm=scale * network.point_mm @ R.T + t,
-    )  # fmt: skip
+    )
 
 
 def _laid(from_mm: np.ndarray, onto_mm: np.ndarray, with_scale: bool = False) -> tuple[np.ndarray, np.ndarray, float]:
@@ -145,8 +171,9 @@ def _with_boards(
     for b in range(1, len(start.boards)):
         here = np.flatnonzero(owner[0] == b)
         if len(here) < LEAST_POINTS:
-            raise TestfieldError(f"fewer than {LEAST_POINTS} marks of board '{start.boards[b]}' are seen twice",
-                                 do="add stations")  # fmt: skip
+            raise TestfieldError(
+                f"fewer than {LEAST_POINTS} marks of board '{start.boards[b]}' are seen twice", do="add stations"
+            )
         R, t, _ = _laid(owner[1][here], network.point_mm[here])
         boards.R[b], boards.t_mm[b] = R, t
         lever = owner[1][here] @ R.T

@@ -48,11 +48,13 @@ def dlt(
     if not any(sheet.pose is not None for sheet in field.boards[1:]):
         raise TestfieldError(
             "the field sheet certifies the pose of no board, and 'dlt' needs points that are known in space",
-            "field.json, boards", "give each board a pose, in a scene by [certified_poses], or use 'stitched'",
-        )  # fmt: skip
+            "field.json, boards",
+            "give each board a pose, in a scene by [certified_poses], or use 'stitched'",
+        )
     rows, turned_down, notes = usable_rows(observations, field)
-    sheet = replace(field, boards=tuple(b for k, b in enumerate(field.boards) if k == 0 or b.pose is not None),
-                    scale_bars=())  # fmt: skip
+    sheet = replace(
+        field, boards=tuple(b for k, b in enumerate(field.boards) if k == 0 or b.pose is not None), scale_bars=()
+    )
     rows = _renumbered(rows, field, sheet)
     start = starting_network(rows, sheet, width_px, height_px, lens, (), least_stations=1, given=True)
     turned_down, notes = turned_down + left_out(rows, sheet, start.why), notes + start.notes
@@ -85,9 +87,12 @@ def dlt(
     poses = Poses(np.array([R for _, R, _ in solved]), np.array([t for _, _, t in solved]))
     free = np.arange(len(interior.names)) < 4
     chosen = replace(
-        chosen, cameras=(Camera.of(interior, np.zeros(len(free), bool)),), stations=poses,
-        images=Images.one_camera(len(which)), image=number[chosen.image],
-    )  # fmt: skip
+        chosen,
+        cameras=(Camera.of(interior, np.zeros(len(free), bool)),),
+        stations=poses,
+        images=Images.one_camera(len(which)),
+        image=number[chosen.image],
+    )
     stations = tuple(start.stations[i] for i in which)
     labels = chosen.labels(stations, start.boards)
     resected = adjust(chosen, labels).network
@@ -100,12 +105,28 @@ def dlt(
         "the stations' has its part and the pixels'; what is unknown of boards, and the discs' eccentricity, is in none"
     )
     calibration = Calibration(
-        "dlt", interior, stations, found.network.stations, start.boards, found.network.boards, 1.0, covariance, names,
-        found.sigma0, found.freedom, float(np.sqrt((found.residual_px**2).sum(axis=1).mean())), len(resected.xy_px),
-        tuple(turned_down), resected.xy_px, found.residual_px,
-        tuple((e["station"], e["board"], e["marks"]) for e in edges), tuple(notes), joints=edges,
-        board_quality=board_quality(covariance, names, start.boards, edges), test=residual_test(found),
-    )  # fmt: skip
+        "dlt",
+        interior,
+        stations,
+        found.network.stations,
+        start.boards,
+        found.network.boards,
+        1.0,
+        covariance,
+        names,
+        found.sigma0,
+        found.freedom,
+        float(np.sqrt((found.residual_px**2).sum(axis=1).mean())),
+        len(resected.xy_px),
+        tuple(turned_down),
+        resected.xy_px,
+        found.residual_px,
+        tuple((e["station"], e["board"], e["marks"]) for e in edges),
+        tuple(notes),
+        joints=edges,
+        board_quality=board_quality(covariance, names, start.boards, edges),
+        test=residual_test(found),
+    )
     return of_joints(calibration)
 
 
@@ -147,10 +168,15 @@ def _rigid(network: Network) -> Network:
     known = network.known_boards
     assert known is not None
     return replace(
-        network, boards=known.poses, ways=(HELD,) * len(network.boards), known_boards=None, u_scale=0.0,
-        information=information_of(np.zeros_like(network.known_mm)), distances=Distances(),
+        network,
+        boards=known.poses,
+        ways=(HELD,) * len(network.boards),
+        known_boards=None,
+        u_scale=0.0,
+        information=information_of(np.zeros_like(network.known_mm)),
+        distances=Distances(),
         cov_px2=np.broadcast_to(np.eye(2), network.cov_px2.shape).copy(),
-    )  # fmt: skip
+    )
 
 
 def _scatter_of_mean(
@@ -165,9 +191,12 @@ def _scatter_of_mean(
         own = Interior(size.width_px, size.height_px, values, "brown_shear")
         free = np.array([name in ("fx", "fy", "cx", "cy", "shear") for name in own.names])
         network = replace(
-            here, cameras=(Camera.of(own, free),), stations=Poses(R[None], t[None]), images=Images.one_camera(1),
+            here,
+            cameras=(Camera.of(own, free),),
+            stations=Poses(R[None], t[None]),
+            images=Images.one_camera(1),
             image=np.zeros(len(here.image), int),
-        )  # fmt: skip
+        )
         names = network.labels(("own",), tuple(str(b) for b in range(len(network.boards))))
         total += evaluated(network, names, 11).covariance[:4, :4]
     return total / len(solved) ** 2

@@ -36,9 +36,11 @@ def geometric_doubts(
 
 def _by_one(network: Network, camera: int) -> Network:
     """What one of several cameras saw."""
-    alone = replace(network, cameras=(network.cameras[camera],), images=replace(
-        network.images, camera=np.zeros_like(network.images.camera)
-    ))  # fmt: skip
+    alone = replace(
+        network,
+        cameras=(network.cameras[camera],),
+        images=replace(network.images, camera=np.zeros_like(network.images.camera)),
+    )
     return alone.take(network.camera == camera)
 
 
@@ -63,10 +65,14 @@ def _orientations(normal: np.ndarray, network: Network) -> list[str]:
     unknown = _unknown(network, ("fx", "fy"))
     tilt = np.degrees(np.arccos(np.clip(np.abs(normal[:, 2]), 0, 1)))
     if tilt.max() < FACE_ON_DEG:
-        return [
-            f"all views see the boards face on (tilted by {tilt.max():.1f} degrees at most): "
-            f"{unknown or 'the focal length'} and the stations' distances (tz) look alike"
-        ] if unknown else []  # fmt: skip
+        return (
+            [
+                f"all views see the boards face on (tilted by {tilt.max():.1f} degrees at most): "
+                f"{unknown or 'the focal length'} and the stations' distances (tz) look alike"
+            ]
+            if unknown
+            else []
+        )
     cosine = np.clip(np.abs(normal @ normal.T), 0, 1)
     spread = np.degrees(np.arccos(cosine.min()))
     if spread < PARALLEL_DEG and (unknown := _unknown(network, ("fx", "fy", "cx", "cy"))):

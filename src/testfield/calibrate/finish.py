@@ -80,16 +80,34 @@ def finished(
     covariance, names = by_images(covariance, names, network, start.stations)
     records = left_out(rows, field, start.why)
     calibration = Calibration(
-        method, network.interior, start.stations, network.camera_from_datum(), start.boards, network.boards,
+        method,
+        network.interior,
+        start.stations,
+        network.camera_from_datum(),
+        start.boards,
+        network.boards,
         network.scale,
-        covariance, names, adjustment.sigma0 * np.sqrt(found.widened), adjustment.freedom,
-        float(np.sqrt((adjustment.residual_px**2).sum(axis=1).mean())), len(network.xy_px),
-        tuple(turned_down + records + found.rejected), network.xy_px, adjustment.residual_px, start.graph,
+        covariance,
+        names,
+        adjustment.sigma0 * np.sqrt(found.widened),
+        adjustment.freedom,
+        float(np.sqrt((adjustment.residual_px**2).sum(axis=1).mean())),
+        len(network.xy_px),
+        tuple(turned_down + records + found.rejected),
+        network.xy_px,
+        adjustment.residual_px,
+        start.graph,
         tuple(notes + start.notes + found.notes + doubts),
-        joints=edges, board_quality=board_quality(covariance, names, start.boards, edges), test=test,
-        misfit=found.misfit.card, point_code=codes, point_mm=network.point_mm[loose],
-        certificates=found.certificates, failures=found.failures, **several(network, start.imaging),
-    )  # fmt: skip
+        joints=edges,
+        board_quality=board_quality(covariance, names, start.boards, edges),
+        test=test,
+        misfit=found.misfit.card,
+        point_code=codes,
+        point_mm=network.point_mm[loose],
+        certificates=found.certificates,
+        failures=found.failures,
+        **several(network, start.imaging),
+    )
     return of_boards(calibration, rows.take(start.rows[found.left]), field)
 
 
@@ -136,9 +154,9 @@ def with_points(
     and the names of all these unknowns."""
     index = np.arange(len(labels) - 3 * len(adjustment.network.kept_points))
     across = adjustment.cov.across(points)[:, index]
-    covariance = np.block([
-        [adjustment.covariance[np.ix_(index, index)], across.T], [across, adjustment.cov.points(points)]
-    ])  # fmt: skip
+    covariance = np.block(
+        [[adjustment.covariance[np.ix_(index, index)], across.T], [across, adjustment.cov.points(points)]]
+    )
     named = [f"{point_label(code)}.{axis}" for code in codes for axis in "xyz"]
     return covariance, (*labels[: len(index)], *named)
 

@@ -68,9 +68,10 @@ def imaging_of(
     for image, name in zip(observations.stations, observations.cameras, strict=True):
         if name not in names:
             raise TestfieldError(
-                f"image '{image}' is by camera '{name}', which the field sheet does not list", "field.json, cameras",
+                f"image '{image}' is by camera '{name}', which the field sheet does not list",
+                "field.json, cameras",
                 f"list it beside {', '.join(names)}",
-            )  # fmt: skip
+            )
     camera = np.array([names.index(name) for name in observations.cameras], int)
     held = _members(rigs) if how == "constrained" else {}
     order = {key: k for k, key in enumerate((key for key, pose in held.items() if pose[0]), 1)}

@@ -79,9 +79,13 @@ class LensMisfit:
     def card(self) -> dict:
         """The figures under their stable keys."""
         return {
-            "s_px": self.s_px, "rms_px": self.rms_px, "length_px": self.length_px, "variance": self.variance,
-            "rise": self.rise, "modes": len(self.modes_px),
-        }  # fmt: skip
+            "s_px": self.s_px,
+            "rms_px": self.rms_px,
+            "length_px": self.length_px,
+            "variance": self.variance,
+            "rise": self.rise,
+            "modes": len(self.modes_px),
+        }
 
 
 def lens_misfit(network: Network, labels: list[str], freedom: int) -> LensMisfit | None:

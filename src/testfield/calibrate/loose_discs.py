@@ -58,9 +58,14 @@ def disc_offsets(network: Network, moments_px2: np.ndarray, radius_mm: np.ndarra
     normal = np.full((len(network.point_mm), 3), np.nan)
     moments = np.where(np.isfinite(moments_px2), moments_px2, 0)[rows[discs]]
     normal[discs] = target_normals(
-        network.interiors, network.camera[rows[discs]].ravel(), poses[network.image[rows[discs]].ravel()], there[discs],
-        network.point_mm[discs], radius_mm[discs], moments,
-    )  # fmt: skip
+        network.interiors,
+        network.camera[rows[discs]].ravel(),
+        poses[network.image[rows[discs]].ravel()],
+        there[discs],
+        network.point_mm[discs],
+        radius_mm[discs],
+        moments,
+    )
     here = np.flatnonzero(np.isfinite(normal[network.point]).all(axis=1))
     point, seen_from = network.point[here], poses[network.image[here]]
     centre = network.point_mm[point]

@@ -14,7 +14,18 @@ def loose_network(
     n, images = len(point_mm), len(poses)
     each = Images(np.arange(images), camera, np.zeros(images, int))
     return Network(
-        cameras, poses, each, Poses.identity(0), (), point_mm,
-        np.full(n, -1), point_mm, np.zeros((n, 3, 3)), ties.image, ties.point, ties.xy_px, ties.cov_px2,
+        cameras,
+        poses,
+        each,
+        Poses.identity(0),
+        (),
+        point_mm,
+        np.full(n, -1),
+        point_mm,
+        np.zeros((n, 3, 3)),
+        ties.image,
+        ties.point,
+        ties.xy_px,
+        ties.cov_px2,
         np.zeros((len(ties), 2)),
-    )  # fmt: skip
+    )

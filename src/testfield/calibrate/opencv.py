@@ -56,9 +56,14 @@ def opencv(
         interior, poses = _fisheye(objects, images, start, free)
     else:
         found = cv2.calibrateCamera(
-            objects, images, (width_px, height_px), start.matrix, coefficients_of(start),
-            flags=flags_of(lens, hold) | cv2.CALIB_USE_INTRINSIC_GUESS, criteria=CRITERIA,
-        )  # fmt: skip
+            objects,
+            images,
+            (width_px, height_px),
+            start.matrix,
+            coefficients_of(start),
+            flags=flags_of(lens, hold) | cv2.CALIB_USE_INTRINSIC_GUESS,
+            criteria=CRITERIA,
+        )
         interior, poses = camera_of(start, found[1], found[2]), poses_of(found[3], found[4])
     return from_views("opencv", interior, free, poses, edges, rows, field, turned_down, notes)
 
@@ -140,10 +145,14 @@ def _fisheye(
         flags |= 0 if free[k] else getattr(cv2, f"CALIB_FIX_{name.upper()}")
     try:
         found = cv2.fisheye.calibrate(
-            [o[None].astype(float) for o in objects], [i[None].astype(float) for i in images],
-            (start.width_px, start.height_px), start.matrix, start.parameters[4:, None].copy(), flags=flags,
+            [o[None].astype(float) for o in objects],
+            [i[None].astype(float) for i in images],
+            (start.width_px, start.height_px),
+            start.matrix,
+            start.parameters[4:, None].copy(),
+            flags=flags,
             criteria=CRITERIA,
-        )  # fmt: skip
+        )
     except cv2.error as error:
         raise TestfieldError(f"OpenCV's fisheye calibration failed ({' '.join(str(error).split())[:120]})") from error
     _, matrix, coefficients, turns, shifts = found

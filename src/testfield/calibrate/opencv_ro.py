@@ -65,10 +65,15 @@ def opencv_ro(
     seen = [{int(rows.point[k]): k for k in here} for here in edges.rows]
     used = np.array([[view[int(point)] for point in order] for view in seen])
     found = cv2.calibrateCameraRO(
-        [xyz.astype(np.float32)] * len(edges), [rows.xy_px[k].astype(np.float32) for k in used], (width_px, height_px),
-        at, start.matrix, coefficients_of(start), criteria=CRITERIA,
+        [xyz.astype(np.float32)] * len(edges),
+        [rows.xy_px[k].astype(np.float32) for k in used],
+        (width_px, height_px),
+        at,
+        start.matrix,
+        coefficients_of(start),
+        criteria=CRITERIA,
         flags=flags_of(lens, hold) | cv2.CALIB_USE_INTRINSIC_GUESS | WITHOUT_SCHUR,
-    )  # fmt: skip
+    )
     interior, poses = camera_of(start, found[1], found[2]), poses_of(found[3], found[4])
     new = np.reshape(found[5], (-1, 3)).astype(float)
 
@@ -77,24 +82,52 @@ def opencv_ro(
     u[[0, at]] = [sheet.u_xy_mm, sheet.u_xy_mm, sheet.u_z_mm]
     u[-1, 2] = sheet.u_z_mm
     network = Network(
-        (Camera.of(interior, free),), poses, Images.one_camera(views), Poses.identity(1), (HELD,), new,
-        np.zeros(n, int), new, information_of(u), np.repeat(np.arange(views), n), np.tile(np.arange(n), views),
-        rows.xy_px[used.ravel()], np.tile(np.eye(2), (n * views, 1, 1)), np.zeros((n * views, 2)), Distances(), 1.0,
+        (Camera.of(interior, free),),
+        poses,
+        Images.one_camera(views),
+        Poses.identity(1),
+        (HELD,),
+        new,
+        np.zeros(n, int),
+        new,
+        information_of(u),
+        np.repeat(np.arange(views), n),
+        np.tile(np.arange(n), views),
+        rows.xy_px[used.ravel()],
+        np.tile(np.eye(2), (n * views, 1, 1)),
+        np.zeros((n * views, 2)),
+        Distances(),
+        1.0,
         field.u_scale,
-    )  # fmt: skip
+    )
     stations, boards = tuple(rows.stations[s] for s in edges.station), (sheet.name,)
     labels = network.labels(stations, boards)
     adjustment = evaluated(network, labels, int(free.sum()) + 6 * views + 3 * n - 7)
     seen_edges = joints(adjustment, stations, boards)
     notes += [f"only board '{sheet.name}' is used: {n} marks that {views} views have in common", OWN_WORD]
     calibration = Calibration(
-        "opencv_ro", interior, stations, poses, boards, Poses.identity(1), 1.0, adjustment.covariance, tuple(labels),
-        adjustment.sigma0, adjustment.freedom, float(np.sqrt((adjustment.residual_px**2).sum(axis=1).mean())),
-        n * views, tuple(turned_down), network.xy_px, adjustment.residual_px,
-        tuple((e["station"], e["board"], e["marks"]) for e in seen_edges), tuple(notes), joints=seen_edges,
+        "opencv_ro",
+        interior,
+        stations,
+        poses,
+        boards,
+        Poses.identity(1),
+        1.0,
+        adjustment.covariance,
+        tuple(labels),
+        adjustment.sigma0,
+        adjustment.freedom,
+        float(np.sqrt((adjustment.residual_px**2).sum(axis=1).mean())),
+        n * views,
+        tuple(turned_down),
+        network.xy_px,
+        adjustment.residual_px,
+        tuple((e["station"], e["board"], e["marks"]) for e in seen_edges),
+        tuple(notes),
+        joints=seen_edges,
         board_quality=board_quality(adjustment.covariance, tuple(labels), boards, seen_edges),
         test=residual_test(adjustment),
-    )  # fmt: skip
+    )
     return of_joints(calibration)
 
 

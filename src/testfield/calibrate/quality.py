@@ -22,10 +22,13 @@ def joints(adjustment: Adjustment, stations: tuple[str, ...], boards: tuple[str,
         here = place.ravel() == k
         found.append(
             {
-                "station": stations[i], "board": boards[b], "marks": int(here.sum()),
-                "rms_px": float(np.sqrt(square[here].mean())), "redundancy": float(share[here].mean()),
+                "station": stations[i],
+                "board": boards[b],
+                "marks": int(here.sum()),
+                "rms_px": float(np.sqrt(square[here].mean())),
+                "redundancy": float(share[here].mean()),
             }
-        )  # fmt: skip
+        )
     return tuple(found)
 
 
@@ -57,11 +60,17 @@ def residual_test(adjustment: Adjustment) -> dict:
     worst = float(control.redundancy.min(initial=1.0))
     contradict = int(control.gross_errors.sum())
     return {
-        "variance": test.variance, "low": test.low, "high": test.high, "freedom": test.freedom, "passed": test.passed,
-        "contradict": contradict, "contradict_at_most": int(binom.ppf(0.975, len(control.test), SIGNIFICANCE)),
-        "least_redundancy": worst, "uncontrolled": int(control.uncontrolled.sum()),
+        "variance": test.variance,
+        "low": test.low,
+        "high": test.high,
+        "freedom": test.freedom,
+        "passed": test.passed,
+        "contradict": contradict,
+        "contradict_at_most": int(binom.ppf(0.975, len(control.test), SIGNIFICANCE)),
+        "least_redundancy": worst,
+        "uncontrolled": int(control.uncontrolled.sum()),
         "detectable_px": float(np.median(control.detectable_px)),
-    }  # fmt: skip
+    }
 
 
 def _links(boards: tuple[str, ...], edges: tuple[dict, ...]) -> dict[str, int | None]:

@@ -22,8 +22,9 @@ def usable_rows(observations: Observations, field: Field) -> tuple[Observations,
         bad = int(np.argmin(finite))
         raise TestfieldError(
             f"observation {bad} (station '{rows.stations[rows.station[bad]]}', code {rows.code[bad]}) is not finite",
-            "observations.parquet", "detect again, or drop the row",
-        )  # fmt: skip
+            "observations.parquet",
+            "detect again, or drop the row",
+        )
     doubtful, notes = _listed_twice(rows, field)
     twice = _seen_twice(rows)
     for k in sorted(set(np.flatnonzero(twice & ~doubtful).tolist()), key=lambda k: (rows.station[k], rows.code[k])):

@@ -76,9 +76,12 @@ def self_calibration(
     covariance, labels = by_images(covariance, labels, found.adjustment.network, found.calibration.station_names)
     covariance = covariance + by_scale(found.adjustment.network, found.job.ties, labels, found.scale_from)
     return replace(
-        found.calibration, covariance=covariance, labels=labels, point_code=found.code[loose],
+        found.calibration,
+        covariance=covariance,
+        labels=labels,
+        point_code=found.code[loose],
         point_mm=found.xyz_mm[loose],
-    )  # fmt: skip
+    )
 
 
 def free_network(
@@ -113,10 +116,11 @@ def free_network(
     said += alone
     if group.sum() < 2:
         raise TestfieldError(
-            f"no two images have {LEAST_COMMON} coded targets in common", "observations",
+            f"no two images have {LEAST_COMMON} coded targets in common",
+            "observations",
             "take images that overlap, with more codes in sight; where most rings are not read, look at target.kind "
             "and target.radii",
-        )  # fmt: skip
+        )
     images_of = dict(zip(ties.code.tolist(), np.bincount(ties.point, minlength=len(ties.code)).tolist(), strict=True))
     ties = of_images(ties, group)
     common = np.bincount(ties.image, weights=(np.bincount(ties.point) > 1)[ties.point], minlength=len(ties.stations))
@@ -135,9 +139,17 @@ def free_network(
     network, _ = free_what_is_determined(network, ties.stations, hold, names)
     datum = in_datum(network, ties, certified or Certified(), images_of)
     job = Job(
-        datum.network, ties, datum.radius_mm, datum.scale_from, (), tuple(said) + datum.notes, datum.usable, shared,
-        _not_used(certified or Certified(), datum.scale_from), imaging,
-    )  # fmt: skip
+        datum.network,
+        ties,
+        datum.radius_mm,
+        datum.scale_from,
+        (),
+        tuple(said) + datum.notes,
+        datum.usable,
+        shared,
+        _not_used(certified or Certified(), datum.scale_from),
+        imaging,
+    )
     return settled(job, hold, empirical, misfit)
 
 
@@ -232,7 +244,8 @@ def _begun_again(first: Job, job: Job, variance: float) -> Job:
     place_of = {int(code): k for k, code in enumerate(first.ties.code)}
     points[[place_of[int(code)] for code in job.ties.code]] = found.point_mm
     return replace(
-        first, network=replace(
+        first,
+        network=replace(
             network, cameras=found.cameras, stations=Poses(R, t), point_mm=points, cov_px2=variance * network.cov_px2
         ),
-    )  # fmt: skip
+    )

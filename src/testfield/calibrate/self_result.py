@@ -55,21 +55,45 @@ def result_of(job: Job, adjustment: Adjustment, notes: tuple[str, ...], misfit: 
         adjustment.covariance[np.ix_(index, index)], tuple(labels[: len(index)]), network, ties.stations
     )
     calibration = Calibration(
-        "self", network.interior, ties.stations, network.camera_from_datum(), (), Poses.identity(0), 1.0,
-        cov + by_scale(network, ties, named, job.scale_from), named, adjustment.sigma0 * misfit,
-        adjustment.freedom, float(np.sqrt(size2.mean())), len(network.xy_px), job.rejected, network.xy_px,
-        adjustment.residual_px, (), notes, test=residual_test(adjustment), certificates=held.records,
+        "self",
+        network.interior,
+        ties.stations,
+        network.camera_from_datum(),
+        (),
+        Poses.identity(0),
+        1.0,
+        cov + by_scale(network, ties, named, job.scale_from),
+        named,
+        adjustment.sigma0 * misfit,
+        adjustment.freedom,
+        float(np.sqrt(size2.mean())),
+        len(network.xy_px),
+        job.rejected,
+        network.xy_px,
+        adjustment.residual_px,
+        (),
+        notes,
+        test=residual_test(adjustment),
+        certificates=held.records,
         failures=(*job.failures, *held.failures, *lost_images(job.shared, ties.stations, 2 * LEAST_COMMON)),
         **several(network, job.imaging),
-    )  # fmt: skip
+    )
     own = [label for code in ties.code[seen] for label in (f"{point_name(int(code))}.{axis}" for axis in "xyz")]
     ends = {code: bar.name for bar in job.certified.bars for code in bar.codes}
     calibration = of_ties(calibration, network.image, ties.code[network.point], ends)
     return FreeNetwork(
-        calibration, ties.code[seen], network.point_mm[seen], 
-        adjustment.cov.points(seen) + by_scale(network, ties, own, job.scale_from), rays[seen], rms[seen],
-        np.array([turned_down[int(c)] for c in ties.code[seen]], int), job.scale_from, job, adjustment, job,
-    )  # fmt: skip
+        calibration,
+        ties.code[seen],
+        network.point_mm[seen],
+        adjustment.cov.points(seen) + by_scale(network, ties, own, job.scale_from),
+        rays[seen],
+        rms[seen],
+        np.array([turned_down[int(c)] for c in ties.code[seen]], int),
+        job.scale_from,
+        job,
+        adjustment,
+        job,
+    )
 
 
 def by_scale(network: Network, ties: Ties, labels: Sequence[str], scale_from: str) -> np.ndarray:

@@ -55,12 +55,16 @@ def _without(job: Job, bad: np.ndarray, size: np.ndarray) -> Job:
     ties = job.ties
     records = [
         {
-            "station": ties.stations[ties.image[k]], "board": "", "code": int(ties.code[ties.point[k]]),
-            "x_px": float(ties.xy_px[k, 0]), "y_px": float(ties.xy_px[k, 1]), "sigmas": float(size[k]),
+            "station": ties.stations[ties.image[k]],
+            "board": "",
+            "code": int(ties.code[ties.point[k]]),
+            "x_px": float(ties.xy_px[k, 0]),
+            "y_px": float(ties.xy_px[k, 1]),
+            "sigmas": float(size[k]),
             "why": "contradicts all others",
         }
         for k in np.flatnonzero(bad)
-    ]  # fmt: skip
+    ]
     said = list(job.notes)
     network, kept = job.network, ties.take(~bad)
     all_stations = np.ones(len(ties.stations), bool)
@@ -71,13 +75,18 @@ def _without(job: Job, bad: np.ndarray, size: np.ndarray) -> Job:
     whole = (ends >= 0).all(axis=1)
     network = replace(
         loose_network(ties, network.cameras, network.images.camera[stations], poses, points),
-        known_mm=network.known_mm[which], information=network.information[which],
+        known_mm=network.known_mm[which],
+        information=network.information[which],
         distances=Distances(ends[whole], network.distances.length_mm[whole], network.distances.u_mm[whole]),
-    )  # fmt: skip
+    )
     return replace(
-        job, network=network, ties=ties, radius_mm=job.radius_mm[which], rejected=job.rejected + tuple(records),
+        job,
+        network=network,
+        ties=ties,
+        radius_mm=job.radius_mm[which],
+        rejected=job.rejected + tuple(records),
         notes=tuple(said),
-    )  # fmt: skip
+    )
 
 
 def of_images(ties: Ties, images: np.ndarray) -> Ties:

@@ -96,19 +96,27 @@ def _followed(
             return plain
         there = misfit.applied(plain.adjustment.network, names)
         there = replace(
-            network, cameras=there.cameras, stations=there.stations, boards=there.boards, scale=there.scale,
+            network,
+            cameras=there.cameras,
+            stations=there.stations,
+            boards=there.boards,
+            scale=there.scale,
             members=there.members,
-            point_mm=there.point_mm, information=there.information, cov_px2=misfit.variance * network.cov_px2,
-        )  # fmt: skip
+            point_mm=there.point_mm,
+            information=there.information,
+            cov_px2=misfit.variance * network.cov_px2,
+        )
         last = replace(_settle(there, discs, start, rows), misfit=misfit)
         if last.begin_again or given or len(last.rejected) in (rejected, len(plain.rejected)):
             break
         rejected = len(last.rejected)
         kept = last.adjustment.network
         again = replace(
-            kept, cameras=without_lens_misfit(kept).cameras, information=network.information,
+            kept,
+            cameras=without_lens_misfit(kept).cameras,
+            information=network.information,
             cov_px2=kept.cov_px2 / misfit.variance,
-        )  # fmt: skip
+        )
         plain = replace(last, adjustment=adjust(again, names(again)), notes=[], misfit=NO_MISFIT)
     return last
 
@@ -123,9 +131,12 @@ def _with_bars(answer: Settled, discs: "Discs | None", start: Start) -> Settled:
     bars = tested_bars(answer.adjustment, start.network.distances, start.bars)
     adjustment, doubts = _at_rest(bars.network, discs.take(answer.left) if discs else None, start)
     return replace(
-        answer, adjustment=adjustment, certificates=(*answer.certificates, *bars.records),
-        failures=(*answer.failures, *bars.failures), notes=[*answer.notes, *bars.notes, *doubts],
-    )  # fmt: skip
+        answer,
+        adjustment=adjustment,
+        certificates=(*answer.certificates, *bars.records),
+        failures=(*answer.failures, *bars.failures),
+        notes=[*answer.notes, *bars.notes, *doubts],
+    )
 
 
 def _settle(network: Network, discs: Discs | None, start: Start, rows: Observations) -> Settled:
@@ -238,10 +249,13 @@ def _coarse(network: Network) -> Network:
     on_boards = network.point_board[network.point] >= 0
     coarse = network.take(on_boards)
     return replace(
-        coarse, cameras=cameras, u_scale=0.0,
+        coarse,
+        cameras=cameras,
+        u_scale=0.0,
         information=information_of(np.zeros_like(network.known_mm)),
-        cov_px2=np.broadcast_to(np.eye(2), coarse.cov_px2.shape).copy(), distances=Distances(),
-    )  # fmt: skip
+        cov_px2=np.broadcast_to(np.eye(2), coarse.cov_px2.shape).copy(),
+        distances=Distances(),
+    )
 
 
 def _refined(network: Network, coarse: Network) -> Network:

@@ -102,9 +102,7 @@ def _of_board(
     value, rank, _ = _test(pulled @ v.ravel(), pulled @ columns.reshape(3, -1).T - C)
     said = f"the sheet of board '{boards[b]}' does not fit it ({np.sqrt(value):.3g} standard deviations)"
     answer = [Suspect(value, rank, b, (), False, None, said)]
-    tests = [
-        _test(p * e, np.diag(p) - p[:, None] * c * p) for p, e, c in zip(known, v, blocks[marks], strict=True)
-    ]  # fmt: skip
+    tests = [_test(p * e, np.diag(p) - p[:, None] * c * p) for p, e, c in zip(known, v, blocks[marks], strict=True)]
     values = np.array([t[0] for t in tests])
     rays = np.bincount(network.point, minlength=len(network.point_mm))[marks]
     values[rays < 2] = 0
@@ -113,8 +111,9 @@ def _of_board(
     chosen = chosen if len(chosen) else np.array([worst])
     said = "; ".join(
         f"{names[marks[k]]} of board '{boards[b]}' is {np.linalg.norm(tests[k][2]) * typical:.3g} mm off its sheet "
-        f"({np.sqrt(values[k]):.3g} standard deviations)" for k in chosen
-    )  # fmt: skip
+        f"({np.sqrt(values[k]):.3g} standard deviations)"
+        for k in chosen
+    )
     answer.append(Suspect(values[worst], tests[worst][1], b, tuple(marks[chosen].tolist()), False, None, said))
     return answer
 
@@ -136,11 +135,18 @@ def _poses(adjustment: Adjustment, boards: tuple[str, ...], typical: float) -> l
         v = off[b] / typical
         value, rank, amount = _test(P * v, np.diag(P) - P[:, None] * C * P)
         amount = amount * typical
-        answer.append(Suspect(
-            value, rank, b, (), True, None,
-            f"the certified pose of board '{boards[b]}' is off by {np.linalg.norm(amount[3:]):.3g} mm and "
-            f"{1e3 * np.linalg.norm(amount[:3]):.3g} mrad ({np.sqrt(value):.3g} standard deviations)",
-        ))  # fmt: skip
+        answer.append(
+            Suspect(
+                value,
+                rank,
+                b,
+                (),
+                True,
+                None,
+                f"the certified pose of board '{boards[b]}' is off by {np.linalg.norm(amount[3:]):.3g} mm and "
+                f"{1e3 * np.linalg.norm(amount[:3]):.3g} mrad ({np.sqrt(value):.3g} standard deviations)",
+            )
+        )
     return answer
 
 
@@ -226,9 +232,14 @@ def tested_bars(adjustment: Adjustment, bars: Distances, names: tuple[str, ...])
     cov += np.diag(np.maximum(bars.u_mm, EXACT_MM) ** 2)
     possible = [np.eye(len(bars))[:, [k]] for k in rows] + [length[:, None]]
     off = snoop(
-        bars.length_mm - length, cov, np.zeros((len(bars), 0)), possible, ["distance"] * len(bars) + ["scale"],
-        [*(1 + rows).tolist(), 0], FALSE_ALARM,
-    )  # fmt: skip
+        bars.length_mm - length,
+        cov,
+        np.zeros((len(bars), 0)),
+        possible,
+        ["distance"] * len(bars) + ["scale"],
+        [*(1 + rows).tolist(), 0],
+        FALSE_ALARM,
+    )
     failures: list[str] = []
     good, u_scale = np.ones(len(bars), bool), network.u_scale
     for blunder in off.found:
@@ -249,10 +260,16 @@ def tested_bars(adjustment: Adjustment, bars: Distances, names: tuple[str, ...])
             failures.append(said)
         notes.append(said)
     records = tuple(
-        {"certificate": name, "kind": "distance", "sigmas": float(off.sigmas[k]), "used": bool(good[k]),
-         "off": float(bars.length_mm[k] - length[k]), "contradicts": []}
+        {
+            "certificate": name,
+            "kind": "distance",
+            "sigmas": float(off.sigmas[k]),
+            "used": bool(good[k]),
+            "off": float(bars.length_mm[k] - length[k]),
+            "contradicts": [],
+        }
         for k, name in enumerate(names)
-    )  # fmt: skip
+    )
     kept = Distances(bars.ends[good], bars.length_mm[good], bars.u_mm[good])
     return Bars(replace(network, distances=kept, u_scale=u_scale), records, tuple(notes), tuple(failures))
 

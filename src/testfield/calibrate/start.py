@@ -94,9 +94,11 @@ def starting_network(
     boards, stations = placed.boards, standing.images
     if len(stations) < least_stations:
         raise TestfieldError(
-            "no station sees a board well enough" if least_stations == 1
-            else "fewer than two stations see a board well enough", do="add stations",
-        )  # fmt: skip
+            "no station sees a board well enough"
+            if least_stations == 1
+            else "fewer than two stations see a board well enough",
+            do="add stations",
+        )
     has_station = np.isin(np.arange(len(rows.stations)), stations)
     usable = has_station[rows.station] & (why == "")
     points = board_points(field, boards, sizes)
@@ -207,9 +209,14 @@ def _placed(
 
 
 def _note_left_out(
-    apart: list[tuple[list, list]], has_station: np.ndarray, has_board: np.ndarray, rows: Observations, field: Field,
-    told: set[int], notes: list[str],
-) -> None:  # fmt: skip
+    apart: list[tuple[list, list]],
+    has_station: np.ndarray,
+    has_board: np.ndarray,
+    rows: Observations,
+    field: Field,
+    told: set[int],
+    notes: list[str],
+) -> None:
     """Which groups, boards and stations are not joined to the datum; boards in `told` have had their word."""
     for stations, boards in apart:
         if not has_board[boards].any() or not has_station[stations].any():

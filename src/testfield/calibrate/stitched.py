@@ -61,9 +61,10 @@ def stitched_given(
     """
     if not any(sheet.pose is not None for sheet in field.boards[1:]):
         raise TestfieldError(
-            "the field sheet certifies the pose of no board", "field.json, boards",
+            "the field sheet certifies the pose of no board",
+            "field.json, boards",
             "give each board a pose, in a scene by [certified_poses], or use 'stitched'",
-        )  # fmt: skip
+        )
     rows, turned_down, notes = usable_rows(observations, field)
 
     def begin(rows: Observations, left_out: frozenset[int]) -> Start:

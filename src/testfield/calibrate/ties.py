@@ -83,7 +83,7 @@ def coded_ties(observations: Observations, codes: np.ndarray | None = None) -> t
             rows.stations, code, rows.station[here], point, rows.xy_px[here], rows.cov_px2[here], moments, number[here]
         ),
         notes,
-    )  # fmt: skip
+    )
 
 
 def largest_group(ties: Ties) -> tuple[np.ndarray, list[str]]:

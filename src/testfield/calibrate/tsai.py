@@ -32,8 +32,11 @@ def tsai(
     them (a principal point elsewhere, decentring) is not in the covariance. Raises as `stitched`, and for a fisheye.
     """
     if lens not in ("brown", "brown_shear"):
-        raise TestfieldError(f"Tsai's camera has one radial coefficient, and '{lens}' is another lens", "measure.lens",
-                             "measure as 'brown'")  # fmt: skip
+        raise TestfieldError(
+            f"Tsai's camera has one radial coefficient, and '{lens}' is another lens",
+            "measure.lens",
+            "measure as 'brown'",
+        )
     rows, turned_down, notes = usable_rows(observations, field)
     notes.append(
         "Tsai's camera: principal point held in the image's middle, k1 alone; the covariance takes both as true"
@@ -42,9 +45,17 @@ def tsai(
 
     def begin(rows: Observations, left_out: frozenset[int]) -> Start:
         return starting_network(
-            rows, field, width_px, height_px, "brown", held, fixed=("cx", "cy"), guess=by_radial_alignment,
-            least_stations=1, left_out=left_out,
-        )  # fmt: skip
+            rows,
+            field,
+            width_px,
+            height_px,
+            "brown",
+            held,
+            fixed=("cx", "cy"),
+            guess=by_radial_alignment,
+            least_stations=1,
+            left_out=left_out,
+        )
 
     return calibrated("tsai", begin, rows, field, turned_down, notes, misfit=NO_MISFIT)
 

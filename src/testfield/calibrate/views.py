@@ -79,12 +79,24 @@ def from_views(
     used = np.concatenate(edges.rows)
     m = len(used)
     network = Network(
-        (Camera.of(interior, free),), camera_from_board, Images.one_camera(len(edges)), Poses.identity(boards),
-        (HELD,) * boards, local, np.repeat(np.arange(boards), np.diff(start)), local,
-        information_of(np.zeros_like(local)), np.repeat(np.arange(len(edges)), edges.marks),
-        start[rows.board[used]] + rows.point[used], rows.xy_px[used], np.tile(np.eye(2), (m, 1, 1)), np.zeros((m, 2)),
-        Distances(), 1.0, field.u_scale,
-    )  # fmt: skip
+        (Camera.of(interior, free),),
+        camera_from_board,
+        Images.one_camera(len(edges)),
+        Poses.identity(boards),
+        (HELD,) * boards,
+        local,
+        np.repeat(np.arange(boards), np.diff(start)),
+        local,
+        information_of(np.zeros_like(local)),
+        np.repeat(np.arange(len(edges)), edges.marks),
+        start[rows.board[used]] + rows.point[used],
+        rows.xy_px[used],
+        np.tile(np.eye(2), (m, 1, 1)),
+        np.zeros((m, 2)),
+        Distances(),
+        1.0,
+        field.u_scale,
+    )
     names = tuple(f"{rows.stations[s]}/{field.boards[b].name}" for s, b in zip(edges.station, edges.board, strict=True))
     all_boards = tuple(sheet.name for sheet in field.boards)
     labels = network.labels(names, all_boards)
@@ -94,11 +106,12 @@ def from_views(
     unit = np.eye(len(labels))
     views = {
         (int(s), int(b)): Uncertain(
-            camera_from_board.R[e], camera_from_board.t_mm[e],
+            camera_from_board.R[e],
+            camera_from_board.t_mm[e],
             unit[[place[f"station:{names[e]}.{axis}"] for axis in AXES]],
         )
         for e, (s, b) in enumerate(zip(edges.station, edges.board, strict=True))
-    }  # fmt: skip
+    }
     order = [first, *(b for b in range(boards) if b != first)]
     turn = {b: k for k, b in enumerate(order)}
     board_at = {first: Uncertain(np.eye(3), np.zeros(3), np.zeros((6, len(labels))))}
@@ -133,13 +146,28 @@ def from_views(
     )
     white = found.residual_px
     calibration = Calibration(
-        method, interior, station_names, _poses([station_at[s] for s in inside]), board_names,
-        _poses([board_at[b] for b in joined]), 1.0, covariance, tuple(out), found.sigma0, found.freedom,
-        float(np.sqrt((white**2).sum(axis=1).mean())), m, tuple(turned_down), rows.xy_px[used], white,
-        tuple((e["station"], e["board"], e["marks"]) for e in edge_rows), tuple([*notes, OWN_WORD]),
-        joints=edge_rows, board_quality=board_quality(covariance, tuple(out), board_names, edge_rows),
+        method,
+        interior,
+        station_names,
+        _poses([station_at[s] for s in inside]),
+        board_names,
+        _poses([board_at[b] for b in joined]),
+        1.0,
+        covariance,
+        tuple(out),
+        found.sigma0,
+        found.freedom,
+        float(np.sqrt((white**2).sum(axis=1).mean())),
+        m,
+        tuple(turned_down),
+        rows.xy_px[used],
+        white,
+        tuple((e["station"], e["board"], e["marks"]) for e in edge_rows),
+        tuple([*notes, OWN_WORD]),
+        joints=edge_rows,
+        board_quality=board_quality(covariance, tuple(out), board_names, edge_rows),
         test=residual_test(found),
-    )  # fmt: skip
+    )
     return of_joints(calibration)
 
 

@@ -50,8 +50,14 @@ def without_board(adjustment: Adjustment, found: Suspect, start: Start, left: np
             f"; nothing decides between it and board '{start.boards[found.alike]}', which comes first on the field's "
             "sheet and is believed"
         )
-    record = {"certificate": start.boards[found.board], "kind": "sheet", "sigmas": float(np.sqrt(found.value)),
-              "off": None, "used": False, "contradicts": []}  # fmt: skip
+    record = {
+        "certificate": start.boards[found.board],
+        "kind": "sheet",
+        "sigmas": float(np.sqrt(found.value)),
+        "off": None,
+        "used": False,
+        "contradicts": [],
+    }
     return Settled(adjustment, [], [], left, (record,), (f"{said}: the board is left out",), found.board)
 
 

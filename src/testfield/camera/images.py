@@ -97,9 +97,10 @@ class Frame:
         name, sheet = load_sheet(path.with_suffix(".json"))
         if station not in (None, name):
             raise TestfieldError(
-                f"this sheet is of station '{name}' and not of '{station}'", str(path.with_suffix(".json")),
+                f"this sheet is of station '{name}' and not of '{station}'",
+                str(path.with_suffix(".json")),
                 "give each frame its own",
-            )  # fmt: skip
+            )
         return Frame(name, pixels, sheet)
 
 

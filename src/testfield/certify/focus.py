@@ -158,12 +158,23 @@ def _dots(seed: int, part: float) -> World:
     diameter = DIAMETER_PX * depth / FOCAL_PX
     zero, none = np.zeros(n, int), np.full(n, -1)
     return World(
-        name="focus", seed=seed, field_diagonal_mm=DEPTH_MM[1],
+        name="focus",
+        seed=seed,
+        field_diagonal_mm=DEPTH_MM[1],
         panels=Panels(
-            tuple(f"panel{k}" for k in range(n)), camera.inverse()[zero].after(in_camera),
-            2 * diameter[:, None] * np.ones(2), np.zeros(n), np.ones(n),
+            tuple(f"panel{k}" for k in range(n)),
+            camera.inverse()[zero].after(in_camera),
+            2 * diameter[:, None] * np.ones(2),
+            np.zeros(n),
+            np.ones(n),
         ),
         marks=TrueMarks(np.arange(n), np.zeros((n, 2)), diameter, zero, zero + CHECK, none, none),
-        world_from_board=Poses.identity(0), station_name=("station",), camera_from_world=camera, interior=interior,
-        psf_sigma_px=0.0, lights=(), ambient_radiance=0.0, field=Field(14, ()),
-    )  # fmt: skip
+        world_from_board=Poses.identity(0),
+        station_name=("station",),
+        camera_from_world=camera,
+        interior=interior,
+        psf_sigma_px=0.0,
+        lights=(),
+        ambient_radiance=0.0,
+        field=Field(14, ()),
+    )

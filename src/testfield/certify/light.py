@@ -104,16 +104,23 @@ def _against_path(world: World, effort: Effort, name: str = "") -> list[Verdict]
             "light", f"{title}fast minus path, rms of z", float(np.sqrt((z**2).mean()) / expected), 1.25, "sigma", how
         ),
         Verdict(
-            "light", f"{title}p-values not uniform (Kolmogorov-Smirnov distance)",
+            "light",
+            f"{title}p-values not uniform (Kolmogorov-Smirnov distance)",
             float(kstest(p_values, "uniform").statistic),
-            1.95 / np.sqrt(len(z)) + 0.03, "", "limit: 0.1 % level, and 0.03 for Student's tails",
+            1.95 / np.sqrt(len(z)) + 0.03,
+            "",
+            "limit: 0.1 % level, and 0.03 for Student's tails",
         ),
         Verdict("light", f"{title}fast minus path, mean over all boards", overall, 3.5, "sigma", how),
         Verdict(
-            "light", f"{title}the same as a part of the mean", float(abs(difference.mean()) / blocks.mean()),
-            effort.mean_limit, "of mean", how,
+            "light",
+            f"{title}the same as a part of the mean",
+            float(abs(difference.mean()) / blocks.mean()),
+            effort.mean_limit,
+            "of mean",
+            how,
         ),
-    ]  # fmt: skip
+    ]
 
 
 def _centre_scatter(world: World, quick: bool) -> Verdict:
@@ -126,9 +133,13 @@ def _centre_scatter(world: World, quick: bool) -> Verdict:
         centres.append(first_moment_centres(world, render_fast(stage, light, 0, 3).values.astype(float)))
     scatter = np.std(centres, axis=0, ddof=1)
     return Verdict(
-        "light", "centre scatter from light noise, rms", float(np.sqrt((scatter**2).mean())), 0.0005, "px",
+        "light",
+        "centre scatter from light noise, rms",
+        float(np.sqrt((scatter**2).mean())),
+        0.0005,
+        "px",
         f"{len(scatter)} dots, {seeds} independent computations of the light",
-    )  # fmt: skip
+    )
 
 
 def first_moment_centres(world: World, image: np.ndarray) -> np.ndarray:

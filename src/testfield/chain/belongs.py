@@ -37,14 +37,18 @@ def check_truth(run: Run) -> None:
     """Raise `TestfieldError` where images or results that lie here were made of another scene than scene.toml says."""
     rendered = rendered_world(run.scene)
     exposed = exposed_world(run.scene, rendered)
-    images = [(f"{folder}/{name}.{kind}", world) for folder, kind, world in
-              (("radiance", "exr", rendered), ("frames", "png", exposed)) for name in run.stations]  # fmt: skip
+    images = [
+        (f"{folder}/{name}.{kind}", world)
+        for folder, kind, world in (("radiance", "exr", rendered), ("frames", "png", exposed))
+        for name in run.stations
+    ]
     results = [(name, exposed) for name in ("observations.parquet", "calibration.json", "points.parquet")]
     for name, world in images + results:
         entry = run.ledger.files.get(name)
         if entry is not None and entry.world not in ("", world) and run.ledger.undamaged(name):
             raise TestfieldError(
-                f"the scene has changed since {name} was made, so its truth is not that of the images", run.source,
+                f"the scene has changed since {name} was made, so its truth is not that of the images",
+                run.source,
                 f"restore it, or make the images anew with "
                 f"`testfield run {run.folder / 'scene.toml'} --out {run.folder}`",
-            )  # fmt: skip
+            )

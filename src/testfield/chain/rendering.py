@@ -76,9 +76,16 @@ def _render_part(
         seed = seed_of(world.seed, f"path/{name}") & 0x7FFFFFFF
         if fast:
             image, making = render_view(
-                stage, light, k, settings.cells, settings.noise_target, settings.most_samples, seed, move,
+                stage,
+                light,
+                k,
+                settings.cells,
+                settings.noise_target,
+                settings.most_samples,
+                seed,
+                move,
                 settings.blur_shots,
-            )  # fmt: skip
+            )
         else:
             image, making = render_reference(stage, k, settings.samples, seed, move)
         run.ledger.make(f"radiance/{name}.exr", keys[name], image.save, world=shown)
@@ -129,9 +136,10 @@ def refuse_frames_of_others(run: Run) -> None:
     """Raise `TestfieldError` where a frame of somebody's own lies in the place of one that would be made."""
     for file in frames_of_others(run):
         raise TestfieldError(
-            "this file was not made by the run, or was changed since", str(run.folder / file),
+            "this file was not made by the run, or was changed since",
+            str(run.folder / file),
             f"`testfield detect {run.folder}` and the stages after it use it; for a rendered one move it away",
-        )  # fmt: skip
+        )
 
 
 def _expose_one(work: tuple) -> tuple[dict[str, Path], str, str]:
@@ -147,7 +155,9 @@ def _expose_one(work: tuple) -> tuple[dict[str, Path], str, str]:
     if (radiance.station, radiance.values.shape) != (source.stem, size):
         raise TestfieldError(
             f"an image of '{radiance.station}' of {radiance.values.shape[1]} x {radiance.values.shape[0]} px, and "
-            f"'{source.stem}' of {size[1]} x {size[0]} px is wanted", str(source), "render again",
-        )  # fmt: skip
+            f"'{source.stem}' of {size[1]} x {size[0]} px is wanted",
+            str(source),
+            "render again",
+        )
     sensor_room.expose(radiance, sensor, sensor_seed, noise_seed=seed).save(part)
     return {image: part, sheet: part.with_suffix(".json")}, key, world

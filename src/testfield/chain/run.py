@@ -157,13 +157,16 @@ def lay_out(run: Run, content: bytes, warnings: list[str]) -> None:
     field = run.truth.told
     run.ledger.make("field.json", field_key(field), field.save, world=digest(field))
     run.ledger.note(
-        scene=scene.name, seed=scene.seed, noise_seed=scene.noise_seed, begun=now(),
+        scene=scene.name,
+        seed=scene.seed,
+        noise_seed=scene.noise_seed,
+        begun=now(),
         command=" ".join(["testfield", *sys.argv[1:]]),
         versions={"testfield": __version__, "python": platform.python_version()}
         | {name: package_version(name) for name in PACKAGES},
         machine=f"{platform.system()} {platform.machine()}, {platform.processor() or 'processor not named'}",
         warnings=warnings,
-    )  # fmt: skip
+    )
 
 
 def _write(path: Path, content: bytes) -> None:
@@ -197,8 +200,11 @@ def _check_board(scene: SceneFile, source: str) -> None:
     if board not in known:
         raise TestfieldError(f"no board is called '{board}'", f"{source}, measure.board", nearest(board, known))
     if "board" not in signature(find("calibrators", method)).parameters:
-        raise TestfieldError(f"the calibrator '{method}' takes no single board", f"{source}, measure.board",
-                             "leave it out, or choose zhang, opencv or opencv_ro")  # fmt: skip
+        raise TestfieldError(
+            f"the calibrator '{method}' takes no single board",
+            f"{source}, measure.board",
+            "leave it out, or choose zhang, opencv or opencv_ro",
+        )
 
 
 def field_key(field: Field) -> str:

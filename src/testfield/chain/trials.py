@@ -83,9 +83,10 @@ class Trials:
             ready = RayTrials.of(self.observations, self.calibration, self.run.field, method)
             if not np.array_equal(ready.code, self.points.code):
                 raise TestfieldError(
-                    "the points are not those of these observations", str(self.run.folder / "points.parquet"),
+                    "the points are not those of these observations",
+                    str(self.run.folder / "points.parquet"),
                     f"make them again with `testfield reconstruct {self.run.folder}`",
-                )  # fmt: skip
+                )
             trials = range(number * BLOCK, (number + 1) * BLOCK)
             drawn = ready.draw(trials, seed_of(self.run.scene.seed, "uncertainty/rays"))
             # Deviations need fewer digits than positions.

@@ -32,12 +32,16 @@ def _marks(run: Run, path: Path) -> None:
     world, marks = run.world, run.world.marks
     xyz, normal = world.mark_world_mm, world.mark_normal
     columns = {
-        "panel": [world.panels.name[k] for k in marks.panel], "role": [ROLES[k] for k in marks.role],
+        "panel": [world.panels.name[k] for k in marks.panel],
+        "role": [ROLES[k] for k in marks.role],
         "clean": run.views.clean,
-        "board": marks.board, "point": marks.point, "code": marks.code, "diameter_mm": marks.diameter_mm,
+        "board": marks.board,
+        "point": marks.point,
+        "code": marks.code,
+        "diameter_mm": marks.diameter_mm,
         **{f"{axis}_mm": xyz[:, k] for k, axis in enumerate("xyz")},
         **{f"normal_{axis}": normal[:, k] for k, axis in enumerate("xyz")},
-    }  # fmt: skip
+    }
     pq.write_table(pa.table(columns).replace_schema_metadata(NOTES), path)
 
 
@@ -50,13 +54,19 @@ def _views(run: Run, path: Path) -> None:
     station, mark = np.nonzero(views.visible > 0)
     at = station, mark
     columns = {
-        "station": np.array(run.stations, dtype=object)[station], "mark": mark, "visible": views.visible[at],
-        "centre_x_px": views.centre_px[at][:, 0], "centre_y_px": views.centre_px[at][:, 1],
-        "disc_x_px": views.disc_px[at][:, 0], "disc_y_px": views.disc_px[at][:, 1],
-        "diameter_px": views.diameter_px[at], "semi_major_px": views.semi_axes_px[at][:, 0],
-        "semi_minor_px": views.semi_axes_px[at][:, 1], "angle_deg": views.angle_deg[at],
+        "station": np.array(run.stations, dtype=object)[station],
+        "mark": mark,
+        "visible": views.visible[at],
+        "centre_x_px": views.centre_px[at][:, 0],
+        "centre_y_px": views.centre_px[at][:, 1],
+        "disc_x_px": views.disc_px[at][:, 0],
+        "disc_y_px": views.disc_px[at][:, 1],
+        "diameter_px": views.diameter_px[at],
+        "semi_major_px": views.semi_axes_px[at][:, 0],
+        "semi_minor_px": views.semi_axes_px[at][:, 1],
+        "angle_deg": views.angle_deg[at],
         "obliquity_deg": views.obliquity_deg[at],
-    }  # fmt: skip
+    }
     pq.write_table(pa.table(columns).replace_schema_metadata(NOTES), path)
 
 

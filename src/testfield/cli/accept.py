@@ -118,14 +118,18 @@ def _show(card: dict[str, Any], page: Path) -> None:
 def _figures(card: dict[str, Any]) -> list[tuple[str, str]]:
     found, points, envelope = card["lengths"], card["points"], card["lengths"]["envelope"]
     rows = [
-        ("largest |dl|; mean; rms", f"{found['max_abs_dl_mm']:.4f}; {found['mean_dl_mm']:+.4f}; "
-         f"{found['rms_dl_mm']:.4f} mm"),
-    ]  # fmt: skip
+        (
+            "largest |dl|; mean; rms",
+            f"{found['max_abs_dl_mm']:.4f}; {found['mean_dl_mm']:+.4f}; {found['rms_dl_mm']:.4f} mm",
+        )
+    ]
     if slope := found["slope"]:
         rows.append(
-            ("slope of dl over L; 95 % by what was claimed",
-             f"{slope['slope_ppm']:+.2f} ppm; {slope['ci_low_ppm']:+.2f} to {slope['ci_high_ppm']:+.2f}")
-        )  # fmt: skip
+            (
+                "slope of dl over L; 95 % by what was claimed",
+                f"{slope['slope_ppm']:+.2f} ppm; {slope['ci_low_ppm']:+.2f} to {slope['ci_high_ppm']:+.2f}",
+            )
+        )
     rows.append(("smallest envelope, A and K", f"{envelope['a_mm']:.4f} mm + {envelope['k_ppm']:.2f} ppm L"))
     if spacing := card["spacing"]:
         rows.append((f"spacing of targets, largest of {spacing['spacings']} errors", f"{spacing['max_abs_mm']:.4f} mm"))
@@ -133,13 +137,17 @@ def _figures(card: dict[str, Any]) -> list[tuple[str, str]]:
     if "rmse_mm" in points:
         band = points["anees_band_95"]
         rows += [
-            ("relative accuracy: largest distance over sigma; RMSE",
-             f"1 : {points['relative_accuracy_sigma']:,.0f}; 1 : {points['relative_accuracy_rmse']:,.0f}"),
+            (
+                "relative accuracy: largest distance over sigma; RMSE",
+                f"1 : {points['relative_accuracy_sigma']:,.0f}; 1 : {points['relative_accuracy_rmse']:,.0f}",
+            ),
             ("external over internal accuracy", f"{points['external_over_internal']:.2f}"),
             ("check points within 95 % ellipsoids", f"{100 * points['coverage_95']:.1f} %"),
-            ("NEES per degree of freedom (95 % of true claims)",
-             f"{points['anees']:.2f} ({band[0]:.2f} to {band[1]:.2f})"),
-        ]  # fmt: skip
+            (
+                "NEES per degree of freedom (95 % of true claims)",
+                f"{points['anees']:.2f} ({band[0]:.2f} to {band[1]:.2f})",
+            ),
+        ]
     share = points["of_lengths"]
     rows.append(("lengths with |E_n| <= 1; worst E_n", f"{100 * share['en_within_1']:.1f} %; {share['en_worst']:+.2f}"))
     return rows

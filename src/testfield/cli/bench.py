@@ -208,13 +208,17 @@ def _adjust(args: argparse.Namespace) -> int:
         print(f"           ours {ceres['without_covariance_s']:.2f} s without them")
         print(f"           Ceres {ceres['ceres_s']:.2f} s in {ceres['their_steps']} steps")
         print(f"minimum    relative difference of the cost {ceres['relative_cost_difference']:.1e}")
-    print(f"OpenCV     rms {opencv['opencv_rms_px']:.9f} px, ours {opencv['ours_rms_px']:.9f} px, "
-          f"difference {opencv['difference_px']:.1e} px")  # fmt: skip
+    print(
+        f"OpenCV     rms {opencv['opencv_rms_px']:.9f} px, ours {opencv['ours_rms_px']:.9f} px, "
+        f"difference {opencv['difference_px']:.1e} px"
+    )
     print(f"growth     time of a step grows as points^{growth['exponent_of_points']:.2f}")
     if "large" in figures:
         large = figures["large"]
-        print(f"large      {large['images']} images, {large['points']} points, {large['observations']} observations: "
-              f"{large['seconds']:.0f} s, {large['peak_memory_gb']:.1f} GB")  # fmt: skip
+        print(
+            f"large      {large['images']} images, {large['points']} points, {large['observations']} observations: "
+            f"{large['seconds']:.0f} s, {large['peak_memory_gb']:.1f} GB"
+        )
     return 0
 
 

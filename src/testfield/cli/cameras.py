@@ -38,9 +38,10 @@ def owners_of(given: list[Path], field: FieldFile, source: str, lens: str, by_fo
         for path in given:
             if path.resolve().name not in named and str(path) not in named:
                 raise TestfieldError(
-                    f"no camera of {source} has its photographs in a folder '{path.resolve().name}'", str(path),
+                    f"no camera of {source} has its photographs in a folder '{path.resolve().name}'",
+                    str(path),
                     nearest(path.resolve().name, named),
-                )  # fmt: skip
+                )
         of = {path: named.get(str(path)) or named[path.resolve().name] for path in given}
         if missing := set(named) - {one.folder or one.name for one in of.values()}:
             raise TestfieldError(

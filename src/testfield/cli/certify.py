@@ -8,10 +8,11 @@ from typing import Any
 def add(commands: Any) -> None:
     """Enter the command."""
     p = commands.add_parser(
-        "certify", help="measure the renderer and the sensor, and write a certificate with verdicts",
+        "certify",
+        help="measure the renderer and the sensor, and write a certificate with verdicts",
         description="Measures the ruler itself: geometry, light, lens, focus and motion, sensor, sameness. "
         "Exit status 1 where a verdict fails.",
-    )  # fmt: skip
+    )
     p.add_argument("--quick", action="store_true", help="fewer and smaller measurements, in about a minute")
     p.add_argument(
         "--scene", type=Path, default=Path("quick"), metavar="SCENE", help="whose light is judged (default: quick)"

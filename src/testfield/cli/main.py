@@ -13,9 +13,22 @@ from testfield.store.text import speak_in_any_locale
 from testfield.version import __version__
 
 MODULES = (
-    "run", "stage", "detect", "measure", "uncertainty", "accept", "study", "validate", "preview", "certify", "bench",
-    "codes", "list", "schema", "completion",
-)  # fmt: skip
+    "run",
+    "stage",
+    "detect",
+    "measure",
+    "uncertainty",
+    "accept",
+    "study",
+    "validate",
+    "preview",
+    "certify",
+    "bench",
+    "codes",
+    "list",
+    "schema",
+    "completion",
+)
 """Modules of this package, each of which enters one command or more."""
 
 GROUPS = {

@@ -24,13 +24,15 @@ def add(commands: Any) -> None:
     p.add_argument("--lens", choices=names("lenses"), default="brown", help="lens model")
     p.add_argument("--hold", default="", metavar="NAMES", help="lens coefficients held at zero: k3,p1,p2")
     p.add_argument(
-        "--by-folder", action="store_true",
+        "--by-folder",
+        action="store_true",
         help="each folder given is a camera of its own (default: as the field file's [[cameras]] say, else one camera)",
-    )  # fmt: skip
+    )
     p.add_argument(
-        "--rig", action="store_true",
+        "--rig",
+        action="store_true",
         help="as --by-folder, and a rig holds the cameras: photographs of one file name were taken together",
-    )  # fmt: skip
+    )
     p.add_argument("--focal-px", type=float, metavar="PX", help="a first guess of the focal length; not needed")
     p.add_argument("--bayer", metavar="ORDER", help="the images are raw mosaics: RGGB, BGGR, GRBG or GBRG")
     p.add_argument("--smallest-px", type=float, default=5.0, metavar="PX", help="least diameter of a dot (default: 5)")
@@ -131,9 +133,16 @@ def _measure(args: argparse.Namespace) -> int:
             )
     keep = [k for k, other in enumerate(sizes) if other == expected[k]]
     result = measure(
-        tuple(names[k] for k in keep), [found[k] for k in keep], size, field, target, args.lens, hold, args.focal_px,
+        tuple(names[k] for k in keep),
+        [found[k] for k in keep],
+        size,
+        field,
+        target,
+        args.lens,
+        hold,
+        args.focal_px,
         taken.of(np.array(keep, int)) if taken else None,
-    )  # fmt: skip
+    )
     result = replace(result, calibration=replace(result.calibration, notes=(*trouble, *result.calibration.notes)))
     summary = write_measurement(result, field, out, tuple(str(p) for p in args.images))
     for title, value in summary["figures"]:

@@ -19,14 +19,18 @@ def add(commands: Any) -> None:
     )
     p.add_argument("run", type=Path, metavar="RUN", help="a run's folder")
     p.add_argument(
-        "--depth", choices=tuple(TRIALS), default="rays",
+        "--depth",
+        choices=tuple(TRIALS),
+        default="rays",
         help="rays: pixels and calibration from their covariances, points met again; calibration: noise on all pixels "
         "and certificates, calibrated again; exposure: new noise on the same radiance, the whole chain again",
-    )  # fmt: skip
+    )
     p.add_argument(
-        "--trials", type=int, metavar="N",
+        "--trials",
+        type=int,
+        metavar="N",
         help="the most trials (default: rays 100000, calibration 100, exposure 20); fewer where the figures settle",
-    )  # fmt: skip
+    )
     p.add_argument("--length", type=int, nargs=2, action="append", default=[], metavar=("A", "B"), help="two codes")
     p.add_argument("--digits", type=int, choices=(1, 2), default=1, help="significant digits of u that must agree")
     p.add_argument("--shortest", action="store_true", help="rays: shortest intervals instead of symmetric ones")

@@ -36,9 +36,15 @@ class Centres:
         """n dots, none measured yet."""
         nan = np.full(n, np.nan)
         return Centres(
-            np.full((n, 2), np.nan), np.full((n, 2, 2), np.nan), np.full((n, 2, 2), np.nan),
-            nan, nan.copy(), nan.copy(), nan.copy(), np.zeros(n, bool),
-        )  # fmt: skip
+            np.full((n, 2), np.nan),
+            np.full((n, 2, 2), np.nan),
+            np.full((n, 2, 2), np.nan),
+            nan,
+            nan.copy(),
+            nan.copy(),
+            nan.copy(),
+            np.zeros(n, bool),
+        )
 
     def put(self, rows: np.ndarray, part: "Centres") -> None:
         """Write a part's rows."""

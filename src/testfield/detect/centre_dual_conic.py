@@ -12,7 +12,7 @@ from testfield.detect.patches import (
     patches,
     smallest_diameter,
     symmetric,
-)  # fmt: skip
+)
 from testfield.registry import register
 
 LEAST_DIAMETER_PX = 4.0

@@ -330,9 +330,15 @@ def _centres(batch: Batch, fit: _Fit, sheet: SensorSheet, interior: Interior | N
     with np.errstate(invalid="ignore"):
         ok = fit.converged & (count > 12) & (np.einsum("nii->n", covariance) < WORST_PX**2)
     return Centres(
-        _centroid(batch, interior) + batch.middle, covariance, axes @ axes / 4, theta[:, CONTRAST],
-        theta[:, BACKGROUND], chi2, misfit, ok,
-    )  # fmt: skip
+        _centroid(batch, interior) + batch.middle,
+        covariance,
+        axes @ axes / 4,
+        theta[:, CONTRAST],
+        theta[:, BACKGROUND],
+        chi2,
+        misfit,
+        ok,
+    )
 
 
 def _centroid(batch: Batch, interior: Interior | None) -> np.ndarray:

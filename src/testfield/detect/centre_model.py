@@ -102,9 +102,15 @@ def _fit(
         last = np.abs(step[:, [CX, CY]]).max(axis=1)
         converged = good & (last < np.clip(SETTLED * doubt, SETTLED_PX, SLOW_PX)) & (limit == 1)
     return Centres(
-        theta[:, :2] + origin, covariance, np.linalg.inv(_shape(theta)) / 4, theta[:, CONTRAST],
-        theta[:, BACKGROUND], chi2, misfit, converged,
-    )  # fmt: skip
+        theta[:, :2] + origin,
+        covariance,
+        np.linalg.inv(_shape(theta)) / 4,
+        theta[:, CONTRAST],
+        theta[:, BACKGROUND],
+        chi2,
+        misfit,
+        converged,
+    )
 
 
 def _shape(theta: np.ndarray) -> np.ndarray:

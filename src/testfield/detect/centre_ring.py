@@ -20,7 +20,7 @@ from testfield.camera.images import InvertedSheet, SensorSheet
 from testfield.detect.centre import Centres
 from testfield.detect.centre_forward import FIRST_BLUR_PX, WORST_PX, dot_model, inverse, normal_matrix, sound
 from testfield.detect.disc import LEAST_BLUR_PX, MOST_BLUR_PX
-from testfield.detect.forward_windows import (  # fmt: skip
+from testfield.detect.forward_windows import (
     AXX,
     AXY,
     AYY,
@@ -286,6 +286,12 @@ def _centres(
     with np.errstate(invalid="ignore"):
         ok = converged & (count > 2 * PARAMETERS) & (np.einsum("nii->n", covariance) < WORST_PX**2)
     return Centres(
-        theta[:, :2] + batch.middle, covariance, axes @ axes / 4, theta[:, CONTRAST], theta[:, BACKGROUND], chi2,
-        misfit, ok,
-    )  # fmt: skip
+        theta[:, :2] + batch.middle,
+        covariance,
+        axes @ axes / 4,
+        theta[:, CONTRAST],
+        theta[:, BACKGROUND],
+        chi2,
+        misfit,
+        ok,
+    )

@@ -11,7 +11,7 @@ from testfield.detect.patches import (
     moments_above,
     patches,
     smallest_diameter,
-)  # fmt: skip
+)
 from testfield.registry import register
 
 LEAST_DIAMETER_PX = 4.0

@@ -113,9 +113,7 @@ def fit_corners(
         ok &= np.isfinite(covariance).all(axis=(1, 2)) & (np.einsum("nii->n", covariance) < 1)
         ok &= np.abs(theta[:, CONTRAST]) > LEAST_CONTRAST * noise
     white = sheet.black_level_dn + np.maximum(theta[:, BLACK], theta[:, BLACK] + theta[:, CONTRAST])
-    return FittedCorners(
-        theta[:, :2] + middle, covariance, theta[:, CONTRAST], white, theta[:, BLUR], chi2, misfit, ok
-    )  # fmt: skip
+    return FittedCorners(theta[:, :2] + middle, covariance, theta[:, CONTRAST], white, theta[:, BLUR], chi2, misfit, ok)
 
 
 def _start(
@@ -172,7 +170,7 @@ def _model(theta: np.ndarray, crossing: np.ndarray) -> tuple[np.ndarray, np.ndar
             level * y,
         ],
         axis=-1,
-    )  # fmt: skip
+    )
     return light * level, slope
 
 

@@ -116,9 +116,17 @@ class Targets:
     def observations(self, station: str, board: np.ndarray, point: np.ndarray) -> Observations:
         """As observations of one station, once the boards (n,) and points (n,) are known."""
         return Observations(
-            (station,), np.zeros(len(self.code), int), self.xy_px, self.cov_px2, self.moments_px2,
-            np.maximum(self.code, 0), board, point, self.chi2, self.status,
-        )  # fmt: skip
+            (station,),
+            np.zeros(len(self.code), int),
+            self.xy_px,
+            self.cov_px2,
+            self.moments_px2,
+            np.maximum(self.code, 0),
+            board,
+            point,
+            self.chi2,
+            self.status,
+        )
 
 
 def measure_targets(
@@ -230,10 +238,19 @@ def measure_targets(
     moments = np.where(centres.ok[:, None, None], centres.moments_px2, moments)
     one = first_rows(xy_px, _diameter(moments), code, status, centres.chi2)
     return Targets(
-        xy_px[one], centres.cov_px2[one], moments[one], centres.chi2[one], centres.misfit[one], code[one],
-        affine[one], status[one], centres.background_dn[one], centres.contrast_dn[one], blobs.left_out,
+        xy_px[one],
+        centres.cov_px2[one],
+        moments[one],
+        centres.chi2[one],
+        centres.misfit[one],
+        code[one],
+        affine[one],
+        status[one],
+        centres.background_dn[one],
+        centres.contrast_dn[one],
+        blobs.left_out,
         {why: count for why, count in passed_over.items() if count},
-    )  # fmt: skip
+    )
 
 
 def _diameter(moments_px2: np.ndarray) -> np.ndarray:

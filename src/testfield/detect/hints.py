@@ -108,8 +108,10 @@ def _other_checkerboard(pixels: np.ndarray, target: TargetSpec) -> tuple[str, ..
 def _other_asymmetric(pixels: np.ndarray, target: TargetSpec) -> tuple[str, ...]:
     columns, rows = target.columns, target.rows
     if rows % 2 == 0:
-        return ("an asymmetric grid of an even number of rows looks alike upside down, and OpenCV finds none: "
-                "columns x rows of a printed one has an odd number of rows, as 4x11",)  # fmt: skip
+        return (
+            "an asymmetric grid of an even number of rows looks alike upside down, and OpenCV finds none: "
+            "columns x rows of a printed one has an odd number of rows, as 4x11",
+        )
     near = [(columns + c, rows + r) for c in (0, -1, 1) for r in (0, -1, 1, -2, 2) if (c, r) != (0, 0)]
     for size in ((rows, columns), *near):
         if min(size) > 1 and len(detect_board(pixels, replace(target, columns=size[0], rows=size[1])).point):

@@ -16,9 +16,16 @@ from testfield.store.sheets import notes_of
 from testfield.targets.field import Field
 
 FLOATS = (
-    "x_px", "y_px", "cov_xx_px2", "cov_xy_px2", "cov_yy_px2",
-    "moment_xx_px2", "moment_xy_px2", "moment_yy_px2", "chi2",
-)  # fmt: skip
+    "x_px",
+    "y_px",
+    "cov_xx_px2",
+    "cov_xy_px2",
+    "cov_yy_px2",
+    "moment_xx_px2",
+    "moment_xy_px2",
+    "moment_yy_px2",
+    "chi2",
+)
 INTEGERS = ("code", "board", "point")
 TEXTS = ("station", "status")
 MEASURED = "measured"
@@ -41,9 +48,10 @@ def read_table(path: Path, field: Field | None, size_px: tuple[int, int] | None)
     notes = notes_of(table)
     if notes.get("centre_of_disc") not in ("True", "False"):
         raise TestfieldError(
-            f"the table's metadata says centre_of_disc = {notes.get('centre_of_disc')!r}", str(path),
+            f"the table's metadata says centre_of_disc = {notes.get('centre_of_disc')!r}",
+            str(path),
             "write True where x_px, y_px are centres of dots' images, False where they are projections of centres",
-        )  # fmt: skip
+        )
     named = list(dict.fromkeys(column["station"].tolist()))
     stations = notes["stations"].split("\n") if "stations" in notes else named
     discs = notes["centre_of_disc"] == "True"
@@ -62,9 +70,10 @@ def _imaging(notes: dict[str, str], images: int, path: Path) -> dict[str, tuple]
         values = notes[name].split("\n") if name in notes else []
         if values and len(values) != images:
             raise TestfieldError(
-                f"the metadata `{name}` has {len(values)} lines, and there are {images} images", str(path),
+                f"the metadata `{name}` has {len(values)} lines, and there are {images} images",
+                str(path),
                 "give one line for each image of the metadata `stations`",
-            )  # fmt: skip
+            )
         if name == "times" and not all(value.isdecimal() for value in values):
             raise TestfieldError("the metadata `times` holds what is no number", str(path), "number the times from 0")
         said[name] = tuple(map(int, values)) if name == "times" else tuple(values)
@@ -136,13 +145,17 @@ def _column(table: Any, name: str, path: Path) -> np.ndarray:
 def _stations(rows: _Rows, stations: list[str]) -> Iterator[TestfieldError]:
     names = rows.column["station"]
     yield from rows.wrong(
-        np.array([not name.strip() or "\n" in name for name in names], bool), "station",
-        "a station needs a name of one line", "name the image",
-    )  # fmt: skip
+        np.array([not name.strip() or "\n" in name for name in names], bool),
+        "station",
+        "a station needs a name of one line",
+        "name the image",
+    )
     yield from rows.wrong(
-        ~np.isin(names.astype(str), stations), "station", "the table's metadata does not list it",
+        ~np.isin(names.astype(str), stations),
+        "station",
+        "the table's metadata does not list it",
         "list every station in the metadata `stations`, one a line, or leave the list out",
-    )  # fmt: skip
+    )
     twice = sorted({name for name in stations if stations.count(name) > 1})
     if twice:
         yield TestfieldError(f"station '{twice[0]}' is listed twice in the metadata", str(rows.path), "list it once")
@@ -160,9 +173,11 @@ def _meaning(rows: _Rows) -> Iterator[TestfieldError]:
     yield from _definite(rows, "cov", "the covariance is not positive definite", "state the covariance in px^2")
     if rows.discs:
         yield from _definite(
-            rows, "moment", "the second moments are not those of a disc",
+            rows,
+            "moment",
+            "the second moments are not those of a disc",
             "write a quarter of the squared half-axes in px^2, or centre_of_disc = False in the metadata",
-        )  # fmt: skip
+        )
     yield from _numbers(rows)
     if rows.size_px is not None:
         yield from _units(rows, *rows.size_px)
@@ -187,22 +202,26 @@ def _numbers(rows: _Rows) -> Iterator[TestfieldError]:
         return
     boards = rows.field.boards
     yield from rows.wrong(
-        on & (board >= len(boards)), "board", f"the field sheet lists {len(boards)} board(s), numbered from 0",
+        on & (board >= len(boards)),
+        "board",
+        f"the field sheet lists {len(boards)} board(s), numbered from 0",
         "number the boards as the sheet does",
-    )  # fmt: skip
+    )
     for b, sheet in enumerate(boards):
         here = on & (board == b)
         yield from rows.wrong(
-            here & (point >= len(sheet.marks)), "point",
+            here & (point >= len(sheet.marks)),
+            "point",
             f"the field sheet lists {len(sheet.marks)} marks of board '{sheet.name}', numbered from 0",
             "number the marks as the sheet does",
-        )  # fmt: skip
+        )
         listed = sheet.marks.code[np.where(here, point, 0)] if len(sheet.marks) else code
         yield from rows.wrong(
-            here & (code > 0) & (code != listed), "code",
+            here & (code > 0) & (code != listed),
+            "code",
             f"the field sheet gives another code to this point of board '{sheet.name}'",
             "give the point that carries the code, or code 0",
-        )  # fmt: skip
+        )
 
 
 def _units(rows: _Rows, width: int, height: int) -> Iterator[TestfieldError]:
@@ -213,19 +232,25 @@ def _units(rows: _Rows, width: int, height: int) -> Iterator[TestfieldError]:
         values = rows.column[name]
         if good.sum() >= ENOUGH and np.ptp(values[good]) < LEAST_SPAN * size:
             yield from rows.wrong(
-                good, name,
+                good,
+                name,
                 f"all observations lie between {values[good].min():g} and {values[good].max():g}, and the image has "
-                f"{size} px: they look normalised, or in mm", "write px from the centre of the top-left pixel",
-            )  # fmt: skip
+                f"{size} px: they look normalised, or in mm",
+                "write px from the centre of the top-left pixel",
+            )
         outside = (values < -0.5 - BESIDE * size) | (values > size - 0.5 + BESIDE * size)
         yield from rows.wrong(
-            good & outside, name, f"far outside the image of {width} x {height} px",
+            good & outside,
+            name,
+            f"far outside the image of {width} x {height} px",
             "write px from the centre of the top-left pixel, x to the right",
-        )  # fmt: skip
+        )
     for name in ("cov_xx_px2", "cov_yy_px2"):
         u = float(np.sqrt(np.median(rows.column[name][good])))
         if not LEAST_U_PX <= u <= MOST_U_PART * width:
             yield from rows.wrong(
-                good, name, f"half of the observations claim to be known better or worse than {u:.2g} px",
+                good,
+                name,
+                f"half of the observations claim to be known better or worse than {u:.2g} px",
                 "state the covariance in px^2",
-            )  # fmt: skip
+            )

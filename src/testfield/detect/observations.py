@@ -107,13 +107,21 @@ class Observations:
         table = pa.table(
             {
                 "station": np.array(self.stations, dtype=object)[self.station],
-                "x_px": self.xy_px[:, 0], "y_px": self.xy_px[:, 1],
-                "cov_xx_px2": cov[:, 0, 0], "cov_xy_px2": cov[:, 0, 1], "cov_yy_px2": cov[:, 1, 1],
-                "moment_xx_px2": moments[:, 0, 0], "moment_xy_px2": moments[:, 0, 1], "moment_yy_px2": moments[:, 1, 1],
-                "code": self.code, "board": self.board, "point": self.point, "chi2": self.chi2,
+                "x_px": self.xy_px[:, 0],
+                "y_px": self.xy_px[:, 1],
+                "cov_xx_px2": cov[:, 0, 0],
+                "cov_xy_px2": cov[:, 0, 1],
+                "cov_yy_px2": cov[:, 1, 1],
+                "moment_xx_px2": moments[:, 0, 0],
+                "moment_xy_px2": moments[:, 0, 1],
+                "moment_yy_px2": moments[:, 1, 1],
+                "code": self.code,
+                "board": self.board,
+                "point": self.point,
+                "chi2": self.chi2,
                 "status": self.status.astype(str),
             }
-        )  # fmt: skip
+        )
         notes = {"format": str(FORMAT), "stations": "\n".join(self.stations)}
         notes |= {"centre_of_disc": str(self.centre_of_disc)}
         for name, values in (("cameras", self.cameras), ("places", self.places), ("times", self.times)):
@@ -135,14 +143,22 @@ class Observations:
             return np.stack([np.stack([xx, xy], -1), np.stack([xy, yy], -1)], -2)
 
         return Observations(
-            notes["stations"], np.array([number[name] for name in column["station"]], int),
-            np.column_stack([column["x_px"], column["y_px"]]), symmetric("cov"), symmetric("moment"),
-            column["code"], column["board"], column["point"], column["chi2"], column["status"],
-            notes["centre_of_disc"], notes["cameras"], notes["places"], notes["times"],
-        )  # fmt: skip
+            notes["stations"],
+            np.array([number[name] for name in column["station"]], int),
+            np.column_stack([column["x_px"], column["y_px"]]),
+            symmetric("cov"),
+            symmetric("moment"),
+            column["code"],
+            column["board"],
+            column["point"],
+            column["chi2"],
+            column["status"],
+            notes["centre_of_disc"],
+            notes["cameras"],
+            notes["places"],
+            notes["times"],
+        )
 
 
-COLUMNS = (
-    "station", "xy_px", "cov_px2", "moments_px2", "code", "board", "point", "chi2", "status",
-)  # fmt: skip
+COLUMNS = ("station", "xy_px", "cov_px2", "moments_px2", "code", "board", "point", "chi2", "status")
 """What there is of each row."""

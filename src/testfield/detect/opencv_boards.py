@@ -67,9 +67,12 @@ def detect_board(pixels: np.ndarray, spec: TargetSpec) -> Corners:
 
 def _find(image: np.ndarray, spec: TargetSpec) -> Corners:
     find = {
-        "charuco": _charuco, "aruco": _aruco, "apriltag": _apriltag,
-        "checkerboard": _checkerboard, "acircles": _asymmetric_circles,
-    }[spec.kind]  # fmt: skip
+        "charuco": _charuco,
+        "aruco": _aruco,
+        "apriltag": _apriltag,
+        "checkerboard": _checkerboard,
+        "acircles": _asymmetric_circles,
+    }[spec.kind]
     try:
         return find(image, spec)
     except cv2.error as error:

@@ -59,9 +59,15 @@ class Patch:
         sane &= np.hypot(*np.nan_to_num(xy, nan=1e9).T) < size + 1.5
         one = np.ones(len(xy))
         return Centres(
-            xy + self.origin, covariance, moments, self.contrast, self.black, one if chi2 is None else chi2,
-            0 * one, ok & sane & (np.einsum("nii->n", np.nan_to_num(covariance)) > 0),
-        )  # fmt: skip
+            xy + self.origin,
+            covariance,
+            moments,
+            self.contrast,
+            self.black,
+            one if chi2 is None else chi2,
+            0 * one,
+            ok & sane & (np.einsum("nii->n", np.nan_to_num(covariance)) > 0),
+        )
 
 
 def patches(image_dn: np.ndarray, sheet: SensorSheet, xy_px: np.ndarray, moments_px2: np.ndarray) -> Iterator[Patch]:
@@ -77,9 +83,19 @@ def patches(image_dn: np.ndarray, sheet: SensorSheet, xy_px: np.ndarray, moments
         white = (values * inner).sum(1) / np.maximum(inner.sum(1), 1)
         origin = np.rint(xy_px[rows])
         yield Patch(
-            rows, values, x - origin[:, :1], y - origin[:, 1:], origin, round(np.sqrt(values.shape[1])), use, q,
-            black, white, sheet.variance_dn2(values), np.all(inside, axis=1),
-        )  # fmt: skip
+            rows,
+            values,
+            x - origin[:, :1],
+            y - origin[:, 1:],
+            origin,
+            round(np.sqrt(values.shape[1])),
+            use,
+            q,
+            black,
+            white,
+            sheet.variance_dn2(values),
+            np.all(inside, axis=1),
+        )
 
 
 def smallest_diameter(moments_px2: np.ndarray) -> np.ndarray:

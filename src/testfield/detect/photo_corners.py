@@ -72,9 +72,18 @@ def _as_read(name: str, target: TargetSpec, found: Corners) -> Observations:
     n = len(found.code)
     covariance = np.tile(READ_PX[target.kind] ** 2 * np.eye(2), (n, 1, 1))
     return Observations(
-        (name,), np.zeros(n, int), found.xy_px.copy(), covariance, np.full((n, 2, 2), np.nan), found.code,
-        np.full(n, -1), found.point, np.full(n, np.nan), np.full(n, READ, dtype=object), found.disc,
-    )  # fmt: skip
+        (name,),
+        np.zeros(n, int),
+        found.xy_px.copy(),
+        covariance,
+        np.full((n, 2, 2), np.nan),
+        found.code,
+        np.full(n, -1),
+        found.point,
+        np.full(n, np.nan),
+        np.full(n, READ, dtype=object),
+        found.disc,
+    )
 
 
 def _tags(image: np.ndarray, sheet: SensorSheet, name: str, target: TargetSpec, found: Corners) -> Observations:

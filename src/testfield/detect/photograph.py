@@ -92,9 +92,12 @@ def _worth(found: Found) -> tuple[int, ...]:
     o = found.observations
     told = ~np.isin(o.status.astype(str), TEXTURE)
     return (
-        int((o.code > 0).sum()), int((found.place[:, 0] >= 0).sum()), int((o.status == MEASURED).sum()),
-        int(told.sum()), len(o),
-    )  # fmt: skip
+        int((o.code > 0).sum()),
+        int((found.place[:, 0] >= 0).sum()),
+        int((o.status == MEASURED).sum()),
+        int(told.sum()),
+        len(o),
+    )
 
 
 def _dots(photograph: Photograph, target: TargetSpec, polarity: str, radii: str, smallest_px: float) -> Found:

@@ -278,9 +278,17 @@ def _observations(
         none, nothing = np.zeros(0, int), np.zeros((0, 2, 2))
         return Observations(
             (station,), none, np.zeros((0, 2)), nothing, nothing, none, none, none, np.zeros(0), np.zeros(0, object)
-        )  # fmt: skip
+        )
     n = len(point)
     return Observations(
-        (station,), np.zeros(n, int), np.where(fitted.ok[:, None], fitted.xy_px, xy_px), fitted.cov_px2, moments_px2,
-        np.zeros(n, int), np.full(n, board), point, fitted.chi2, status,
-    )  # fmt: skip
+        (station,),
+        np.zeros(n, int),
+        np.where(fitted.ok[:, None], fitted.xy_px, xy_px),
+        fitted.cov_px2,
+        moments_px2,
+        np.zeros(n, int),
+        np.full(n, board),
+        point,
+        fitted.chi2,
+        status,
+    )

@@ -205,13 +205,16 @@ def with_dots(
     network, n = job.network, len(dots.point_mm)
     wider = replace(
         loose_network(
-            ties, network.cameras, network.images.camera, network.stations,
+            ties,
+            network.cameras,
+            network.images.camera,
+            network.stations,
             np.vstack([network.point_mm, dots.point_mm]),
         ),
         known_mm=np.vstack([network.known_mm, dots.point_mm]),
         information=np.concatenate([network.information, np.zeros((n, 3, 3))]),
         distances=network.distances,
-    )  # fmt: skip
+    )
     radius = np.concatenate([job.radius_mm, measured_radii(wider, ties.moments_px2)[len(old.code) :]])
     return settled(replace(job, network=wider, ties=ties, radius_mm=radius), hold, True, misfit)
 

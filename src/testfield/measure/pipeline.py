@@ -58,9 +58,10 @@ def calibrate(observations: Observations, field: Field, recipe: Recipe) -> Calib
     if len(cameras) > 1 or field.rigs:
         if not takes_cameras(name):
             raise TestfieldError(
-                f"'{name}' calibrates one camera, and the field sheet lists {len(cameras)}", "measure.calibrator",
+                f"'{name}' calibrates one camera, and the field sheet lists {len(cameras)}",
+                "measure.calibrator",
                 "choose one that takes several, as stitched",
-            )  # fmt: skip
+            )
         options["cameras"] = cameras
     return find("calibrators", name)(observations, field, *cameras[0].size_px, **options)
 

@@ -111,12 +111,14 @@ def estimate_of(solved: Solved, sights: Sights, calibration: Calibration) -> Est
     unit[np.arange(len(unit)), calibration.point_unknowns(taken.code)] = 1
     flat = np.concatenate([by_calibration, unit]).reshape(len(code), 3, len(calibration.labels))[order]
     return Estimate(
-        code[order], np.concatenate([solved.xyz_mm, at])[order],
-        np.concatenate([own, np.zeros((len(at), 3, 3))])[order], flat.reshape(3 * len(code), len(calibration.labels)),
+        code[order],
+        np.concatenate([solved.xyz_mm, at])[order],
+        np.concatenate([own, np.zeros((len(at), 3, 3))])[order],
+        flat.reshape(3 * len(code), len(calibration.labels)),
         np.concatenate([solved.sights.rays, taken.rays])[order],
         np.concatenate([_rms(solved.sights, solved.rays), _rms(taken, rays)])[order],
         np.concatenate([solved.rejected, np.zeros(len(at), int)])[order],
-    )  # fmt: skip
+    )
 
 
 def settle(sights: Sights, calibration: Calibration, method: Method) -> Solved:
@@ -128,9 +130,10 @@ def settle(sights: Sights, calibration: Calibration, method: Method) -> Solved:
         return _settle(sights, calibration, method)
     except np.linalg.LinAlgError as error:
         raise TestfieldError(
-            f"points cannot be met: the calibration gives no usable rays ({error})", f"reconstructor {method.name}",
+            f"points cannot be met: the calibration gives no usable rays ({error})",
+            f"reconstructor {method.name}",
             "look at the calibration's residuals and uncertainty; more views or more boards make it better",
-        ) from error  # fmt: skip
+        ) from error
 
 
 def _settle(sights: Sights, calibration: Calibration, method: Method) -> Solved:

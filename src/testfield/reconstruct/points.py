@@ -77,12 +77,23 @@ class Points:
         if np.abs(xyz).max(initial=0) > LARGEST_MM:
             raise ValueError(f"coordinates are beyond {LARGEST_MM:g} mm")
         return Points(
-            notes["method"], column["code"], xyz, covariance(rows, "cov_rows_mm2", 3 * n), column["rays"],
-            column["residual_rms_px"], column["rejected"],
-        )  # fmt: skip
+            notes["method"],
+            column["code"],
+            xyz,
+            covariance(rows, "cov_rows_mm2", 3 * n),
+            column["rays"],
+            column["residual_rms_px"],
+            column["rejected"],
+        )
 
 
 COLUMNS = {
-    "code": "i", "x_mm": "f", "y_mm": "f", "z_mm": "f", "rays": "i", "residual_rms_px": "n", "rejected": "i",
+    "code": "i",
+    "x_mm": "f",
+    "y_mm": "f",
+    "z_mm": "f",
+    "rays": "i",
+    "residual_rms_px": "n",
+    "rejected": "i",
     "cov_rows_mm2": "O",
-}  # fmt: skip
+}

@@ -155,9 +155,15 @@ def _rays_by(camera: int, sights: Sights, calibration: Calibration, xyz_mm: np.n
     # Measured from the present point, so that nothing is lost in large coordinates.
     misclosure = np.einsum("nkij,nkj->nki", lines, poses.origin_mm[sights.station] - xyz_mm[:, None, :])
     return Rays(
-        lines, depth, np.where(keep, to_line, 0), np.where(keep, by_place @ R, 0), np.where(keep, by_calibration, 0),
-        np.where(good[..., None], residual, 0), misclosure, np.where(good[..., None], plane, 0),
-    )  # fmt: skip
+        lines,
+        depth,
+        np.where(keep, to_line, 0),
+        np.where(keep, by_place @ R, 0),
+        np.where(keep, by_calibration, 0),
+        np.where(good[..., None], residual, 0),
+        misclosure,
+        np.where(good[..., None], plane, 0),
+    )
 
 
 def _centres_of_discs(sights: Sights, calibration: Calibration, camera: np.ndarray, xyz_mm: np.ndarray) -> np.ndarray:

@@ -78,9 +78,15 @@ class _View:
         self.target = DeviceTwist(stage.world.motion.target) if stage.world.motion.target.moves else None
 
     def mean_of(
-        self, exposure: np.ndarray, rows: int, columns: int, cells: int, top: int, left: int,
+        self,
+        exposure: np.ndarray,
+        rows: int,
+        columns: int,
+        cells: int,
+        top: int,
+        left: int,
         progress: Callable[[float], None],
-    ) -> np.ndarray:  # fmt: skip
+    ) -> np.ndarray:
         """(rows, columns) mean radiance of each cell over all shots; the first is the corner of pixel (left, top)."""
         mi = mitsuba()
         import drjit as dr

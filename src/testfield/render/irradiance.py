@@ -54,9 +54,16 @@ class Irradiance:
         d, m = self.direct, self.meshes
         with path.open("wb") as file:
             np.savez(
-                file, shape=self.shape, values=self.values, tile_shape=d.tile_shape, nodes=d.nodes, direct=d.values,
-                mesh_cells=m.cells, meshes=m.values, format=FORMAT,
-            )  # fmt: skip
+                file,
+                shape=self.shape,
+                values=self.values,
+                tile_shape=d.tile_shape,
+                nodes=d.nodes,
+                direct=d.values,
+                mesh_cells=m.cells,
+                meshes=m.values,
+                format=FORMAT,
+            )
 
     @staticmethod
     def load(path: Path) -> "Irradiance":

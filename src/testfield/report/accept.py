@@ -65,10 +65,15 @@ def accept_page(
     if len(rows) > MOST_ROWS:
         rows = sorted(rows, key=lambda row: -abs(row["dl_mm"]))[:MOST_ROWS]
     return page(
-        "accept.html", card=card, rows=rows, sentence=sentence(card), warnings=warnings,
-        errors=errors_over_length(lengths, limit), envelope=envelopes(lengths, card["lengths"]["envelope"]),
+        "accept.html",
+        card=card,
+        rows=rows,
+        sentence=sentence(card),
+        warnings=warnings,
+        errors=errors_over_length(lengths, limit),
+        envelope=envelopes(lengths, card["lengths"]["envelope"]),
         plan=plan_of_lengths(world, lengths),
-    )  # fmt: skip
+    )
 
 
 def errors_over_length(lengths: MeasuredLengths, limit: Limit | None) -> Markup:
@@ -77,9 +82,16 @@ def errors_over_length(lengths: MeasuredLengths, limit: Limit | None) -> Markup:
         length, um = lengths.calibrated_mm, 1000.0
         axes.axhline(0, color=FAINT, lw=0.8)
         axes.errorbar(
-            length, um * lengths.dl_mm, um * 2 * lengths.u_dl_mm, fmt="o", ms=3.2, color=ACCENT, lw=0.8, mew=0,
+            length,
+            um * lengths.dl_mm,
+            um * 2 * lengths.u_dl_mm,
+            fmt="o",
+            ms=3.2,
+            color=ACCENT,
+            lw=0.8,
+            mew=0,
             alpha=1.0 if len(lengths) <= MOST_DRAWN else 0.35,
-        )  # fmt: skip
+        )
         reach = np.linspace(0, 1.04 * length.max(), 200)
         if limit is not None:
             for side in (1, -1):

@@ -155,19 +155,36 @@ def _page(
         for k, name in enumerate(c.station_names)
     ]
     rows = [
-        (point_name(int(points.code[k])), *points.xyz_mm[k], *(1000 * u[k]), int(points.rays[k]),
-         float(points.residual_rms_px[k]))
+        (
+            point_name(int(points.code[k])),
+            *points.xyz_mm[k],
+            *(1000 * u[k]),
+            int(points.rays[k]),
+            float(points.residual_rms_px[k]),
+        )
         for k in range(len(points))
-    ]  # fmt: skip
+    ]
     statuses, counts = np.unique(o.status.astype(str), return_counts=True)
     return page(
-        "measured.html", field=field, result=result, figures=summary["figures"], best=best, notes=c.notes,
-        picture=_picture(folder / f"{best}.png"), plan=_svg(point_plan(result)) if len(points) else None,
-        cameras=cameras, rigs=summary.get("rigs"), stations=stations, points=rows,
+        "measured.html",
+        field=field,
+        result=result,
+        figures=summary["figures"],
+        best=best,
+        notes=c.notes,
+        picture=_picture(folder / f"{best}.png"),
+        plan=_svg(point_plan(result)) if len(points) else None,
+        cameras=cameras,
+        rigs=summary.get("rigs"),
+        stations=stations,
+        points=rows,
         counts=sorted(zip(statuses.tolist(), counts.tolist(), strict=True), key=lambda row: -row[1]),
-        rejected=c.rejected, images=images, failures=c.failures, groups=lossy(c.rejections),
+        rejected=c.rejected,
+        images=images,
+        failures=c.failures,
+        groups=lossy(c.rejections),
         certificates=c.certificates,
-    )  # fmt: skip
+    )
 
 
 def _camera_part(name: str, c: Calibration) -> dict[str, Any]:

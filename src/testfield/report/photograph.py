@@ -18,9 +18,20 @@ from testfield.store.text import write_text
 FINE, REFUSED = (80, 220, 80), (60, 60, 255)
 """Blue, green, red."""
 COLUMNS = (
-    "image", "x_px", "y_px", "cov_xx_px2", "cov_xy_px2", "cov_yy_px2", "diameter_px", "code", "point", "column", "row",
-    "chi2", "status",
-)  # fmt: skip
+    "image",
+    "x_px",
+    "y_px",
+    "cov_xx_px2",
+    "cov_xy_px2",
+    "cov_yy_px2",
+    "diameter_px",
+    "code",
+    "point",
+    "column",
+    "row",
+    "chi2",
+    "status",
+)
 
 
 def write_found(photographs: list[Photograph], found: list[Found], folder: Path) -> None:
@@ -62,11 +73,21 @@ def _rows(name: str, found: Found) -> list[list]:
         return format(value, form) if np.isfinite(value) else ""
 
     return [
-        [name, text(o.xy_px[k, 0], ".4f"), text(o.xy_px[k, 1], ".4f"),
-         *(text(c, ".4e") for c in (cov[k, 0, 0], cov[k, 0, 1], cov[k, 1, 1])), text(size[k], ".2f"), int(o.code[k]),
-         int(o.point[k]), int(found.place[k, 0]), int(found.place[k, 1]), text(o.chi2[k], ".3g"), o.status[k]]
+        [
+            name,
+            text(o.xy_px[k, 0], ".4f"),
+            text(o.xy_px[k, 1], ".4f"),
+            *(text(c, ".4e") for c in (cov[k, 0, 0], cov[k, 0, 1], cov[k, 1, 1])),
+            text(size[k], ".2f"),
+            int(o.code[k]),
+            int(o.point[k]),
+            int(found.place[k, 0]),
+            int(found.place[k, 1]),
+            text(o.chi2[k], ".3g"),
+            o.status[k],
+        ]
         for k in range(len(o))
-    ]  # fmt: skip
+    ]
 
 
 def draw_found(photograph: Photograph, found: Found, path: Path) -> None:

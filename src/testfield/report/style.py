@@ -23,10 +23,19 @@ def figure(
     from testfield.report.literal import LiteralFigure
 
     settings: Any = {
-        "font.family": "DejaVu Sans", "font.size": 8.5, "axes.edgecolor": FAINT, "axes.labelcolor": INK,
-        "text.color": INK, "xtick.color": INK, "ytick.color": INK, "axes.linewidth": 0.8,
-        "axes.spines.top": False, "axes.spines.right": False, "svg.hashsalt": "testfield", "svg.fonttype": "path",
-    }  # fmt: skip
+        "font.family": "DejaVu Sans",
+        "font.size": 8.5,
+        "axes.edgecolor": FAINT,
+        "axes.labelcolor": INK,
+        "text.color": INK,
+        "xtick.color": INK,
+        "ytick.color": INK,
+        "axes.linewidth": 0.8,
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+        "svg.hashsalt": "testfield",
+        "svg.fonttype": "path",
+    }
     with rc_context(settings):
         drawing = LiteralFigure((width_in, height_in), layout="constrained")
         FigureCanvasAgg(drawing)

@@ -47,9 +47,18 @@ class Assembly:
         across = np.array([np.sin(axis_rad), np.cos(axis_rad)]) ** 2
         back_size = np.array(size) * (1 + (shrink - 1) * across)
         self.panels.append(
-            (f"{name} (back)", behind, t - thickness * R[:, 2], back_size, self.back, self.back,
-             -curvature / shrink, np.pi - axis_rad, MATT)
-        )  # fmt: skip
+            (
+                f"{name} (back)",
+                behind,
+                t - thickness * R[:, 2],
+                back_size,
+                self.back,
+                self.back,
+                -curvature / shrink,
+                np.pi - axis_rad,
+                MATT,
+            )
+        )
         return front
 
     def sticker(
@@ -103,6 +112,13 @@ def marks_of(parts: Assembly, radii: RingRadii) -> TrueMarks:
     panel, xy, diameter, *rest = zip(*parts.marks, strict=True)
     code, role, board, point, corner = (np.array(v, int) for v in rest)
     return TrueMarks(
-        np.array(panel), np.array(xy, float), np.array(diameter, float), code, role, board, point, radii,
+        np.array(panel),
+        np.array(xy, float),
+        np.array(diameter, float),
+        code,
+        role,
+        board,
+        point,
+        radii,
         corner.astype(bool),
-    )  # fmt: skip
+    )

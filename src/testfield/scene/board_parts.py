@@ -193,18 +193,21 @@ class BoardPart(Part):
     extension_zone: ExtensionZone = Field(ExtensionZone(), description="The plain dots.")
     recognition_zone: RecognitionZone = Field(RecognitionZone(first_code=1), description="The coded targets.")
     pattern: PatternPart | None = Field(
-        None, description="In the place of both zones: a board of squares, tags or circles. Squares and tags are black "
+        None,
+        description="In the place of both zones: a board of squares, tags or circles. Squares and tags are black "
         "on white whatever paint.white_on_black says, and their lines have no errors but the boards' common scale.",
-    )  # fmt: skip
+    )
     ink: Ink | None = Field(None, description="Material of its ink; absent, that of paint.ink.")
     print_sigma_mm: float = Field(
         0.01, ge=0, le=10, description="Standard deviation of each mark's true x and y about the nominal."
     )
     scale_error_ppm: float = Field(
-        0, ge=-100000, le=100000,
+        0,
+        ge=-100000,
+        le=100000,
         description="By how much this board is printed larger than the scale all boards share; its certificate knows "
         "nothing of it.",
-    )  # fmt: skip
+    )
     bow_mm: float = Field(
         0,
         description="How far the middle stands out from the edges across the bending axis, positive towards the "

@@ -67,14 +67,15 @@ def build_world(scene: SceneFile, workshop: int | None = None) -> World:
         curvature = curvature_of(board.bow_mm, extent_mm(board.size_mm, axis_rad))
         if curvature * board.thickness_mm >= 1:
             raise TestfieldError(
-                f"value {board.bow_mm}: the board is thicker than its radius of bending", f"boards[{k}].bow_mm",
+                f"value {board.bow_mm}: the board is thicker than its radius of bending",
+                f"boards[{k}].bow_mm",
                 "lower bow_mm or thickness_mm",
-            )  # fmt: skip
+            )
         corners = nominal.has_corners
         size = (1 + scale_error) * (1 + 1e-6 * board.scale_error_ppm)
         panel = parts.panel(
             board.name, R, t, board.size_mm, board.thickness_mm, board.ink, curvature, axis_rad, corners
-        )  # fmt: skip
+        )
         if nominal.pattern is not None and corners:
             parts.prints.append(Print(panel, nominal.pattern.cells.scaled(size)))
         true_xy = nominal.marks.xy_mm * size + nominal.u_xy_mm * _misprints(board, len(nominal.marks), made)
@@ -85,8 +86,9 @@ def build_world(scene: SceneFile, workshop: int | None = None) -> World:
                 if corners:
                     raise TestfieldError(
                         f"'{board.name}' is a board of squares or tags, on which no target is stuck",
-                        f"check_targets[{number}].board", "choose another board, or a card of its own",
-                    )  # fmt: skip
+                        f"check_targets[{number}].board",
+                        "choose another board, or a card of its own",
+                    )
                 parts.mark(panel, np.array(check.xy_mm), check.diameter_mm, check.code, CHECK)
             elif isinstance(check, CheckOnBoard) and check.board not in {b.name for b in scene.boards}:
                 raise TestfieldError(f"no board is called '{check.board}'", f"check_targets[{number}].board")
@@ -127,9 +129,7 @@ def build_world(scene: SceneFile, workshop: int | None = None) -> World:
         keep_clear.append((np.array(bar.position_mm), 60.0))
 
     on_lines, lines = generators.line_cards(scene.measuring_lines, made)
-    for code, position, normal, diameter in [
-        *generators.check_cards(scene.check_targets, seed, keep_clear), *on_lines
-    ]:  # fmt: skip
+    for code, position, normal, diameter in [*generators.check_cards(scene.check_targets, seed, keep_clear), *on_lines]:
         side = (radii.quiet + CARD_MARGIN) * diameter
         panel = parts.panel(f"check {code}", facing(normal), position, (side, side), CARD_THICKNESS_MM)
         parts.mark(panel, np.zeros(2), diameter, code, CHECK)
@@ -188,14 +188,29 @@ def build_world(scene: SceneFile, workshop: int | None = None) -> World:
         cameras=(CameraSheet(DEFAULT_CAMERA, scene.camera.width_px, scene.camera.height_px, scene.camera.lens),),
     )
     return World(
-        scene.name, seed, float(np.linalg.norm(scene.volume.size_mm)), panels_of(parts, carried),
+        scene.name,
+        seed,
+        float(np.linalg.norm(scene.volume.size_mm)),
+        panels_of(parts, carried),
         marks_of(parts, radii),
-        Poses(np.array(board_R), np.array(board_t)), tuple(names), Poses(station_R, station_t), true_interior(scene),
-        scene.camera.psf_sigma_px, lights, scene.room.ambient_w_m2_sr if sky is None else 0.0, field, meshes,
-        true_optics(scene), true_motion(scene),
+        Poses(np.array(board_R), np.array(board_t)),
+        tuple(names),
+        Poses(station_R, station_t),
+        true_interior(scene),
+        scene.camera.psf_sigma_px,
+        lights,
+        scene.room.ambient_w_m2_sr if sky is None else 0.0,
+        field,
+        meshes,
+        true_optics(scene),
+        true_motion(scene),
         Dirt(*(np.array(column) for column in zip(*spots, strict=True))) if spots else Dirt(),
-        points, sky, flash(scene), **_materials(scene), prints=tuple(parts.prints),
-    )  # fmt: skip
+        points,
+        sky,
+        flash(scene),
+        **_materials(scene),
+        prints=tuple(parts.prints),
+    )
 
 
 def _misprints(board: BoardPart, marks: int, made: int) -> np.ndarray:
@@ -205,10 +220,12 @@ def _misprints(board: BoardPart, marks: int, made: int) -> np.ndarray:
         return normals(made, f"print/{board.name}/pattern", marks, 2)
     zones: dict[str, RecognitionZone | ExtensionZone]
     zones = {"coded": board.recognition_zone, "dots": board.extension_zone}
-    return np.concatenate([
-        Plane(made, f"print/{board.name}/{name}").normals(range(zone.rows), 2 * zone.columns).reshape(-1, 2)
-        for name, zone in zones.items()
-    ])  # fmt: skip
+    return np.concatenate(
+        [
+            Plane(made, f"print/{board.name}/{name}").normals(range(zone.rows), 2 * zone.columns).reshape(-1, 2)
+            for name, zone in zones.items()
+        ]
+    )
 
 
 def _materials(scene: SceneFile) -> dict[str, Any]:

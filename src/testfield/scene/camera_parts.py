@@ -83,9 +83,10 @@ class CameraPart(Part):
         False, description="Whether the aperture diffracts light of sensor.wavelength_nm, on top of the optics' blur."
     )
     focus_mm: PositiveFloat | None = Field(
-        None, description="Depth of the plane in focus; absent, everything is. focal_length_mm is then the principal "
+        None,
+        description="Depth of the plane in focus; absent, everything is. focal_length_mm is then the principal "
         "distance at this focus.",
-    )  # fmt: skip
+    )
     vignetting: Vector3 = Field(
         (0, 0, 0), description="Coefficients of r^2, r^4, r^6 by which light is weakened, r in half-diagonals."
     )
@@ -131,9 +132,11 @@ class ExposurePart(Part):
     time_ms: PositiveFloat = Field(20.0, description="Exposure time.")
     shutter: Literal["global", "rolling"] = Field("global", description="All rows at once, or one after the other.")
     row_time_us: float = Field(
-        0, ge=0, description="rolling: time from one row's beginning to the next's; the truth is as it stands in the "
+        0,
+        ge=0,
+        description="rolling: time from one row's beginning to the next's; the truth is as it stands in the "
         "middle of the middle row's exposure.",
-    )  # fmt: skip
+    )
 
 
 class NamedCameraPart(CameraPart):
@@ -153,9 +156,10 @@ class RigMemberPart(Part):
         (0, 0, 0), description="Rotation vector that turns the rig's axes into its own: (0, 8, 0) looks to the right."
     )
     u_position_mm: PositiveFloat | None = Field(
-        None, description="Standard uncertainty with which its position beside the rig's first camera is stated; with "
+        None,
+        description="Standard uncertainty with which its position beside the rig's first camera is stated; with "
         "u_rotation_deg absent, nothing is stated.",
-    )  # fmt: skip
+    )
     u_rotation_deg: PositiveFloat | None = Field(
         None, description="The same of its turn about each axis, beside the rig's first camera."
     )

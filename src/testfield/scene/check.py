@@ -91,7 +91,7 @@ def _stations_stand_free(world: World, source: str) -> None:
                 f"the camera at ({where}) mm is inside or behind '{name}'",
                 f"{source}, station '{world.station_name[s]}'",
                 "move position_mm to the side that is seen",
-            )  # fmt: skip
+            )
     for mesh in world.meshes:
         within = inside(mesh, eyes)
         if within.any():
@@ -101,7 +101,7 @@ def _stations_stand_free(world: World, source: str) -> None:
                 f"the camera at ({where}) mm is inside the mesh '{mesh.name}'",
                 f"{source}, station '{world.station_name[s]}'",
                 f"move position_mm out of it, or mend the mesh's unit or place: it is {2 * mesh.sphere[1]:.4g} mm wide",
-            )  # fmt: skip
+            )
 
 
 def _stations_see(world: World, views: Views, source: str) -> None:
@@ -123,9 +123,10 @@ def _sizes(world: World, views: Views, source: str) -> list[str]:
             warnings.append(f"{source}: board '{sheet.name}' is seen by no station{_why_unseen(world, views, b)}")
     if len(warnings) == len(world.field.boards):
         raise TestfieldError(
-            "no station sees any board, so nothing can be calibrated", f"{source}, boards",
+            "no station sees any board, so nothing can be calibrated",
+            f"{source}, boards",
             warnings[0].removeprefix(f"{source}: "),
-        )  # fmt: skip
+        )
     never = np.flatnonzero(largest == 0)
     if len(never):
         warnings.append(f"{source}: {len(never)} of {len(coded)} marks are fully seen by no station")

@@ -23,8 +23,9 @@ def possible_optics(scene: SceneFile, world: World, source: str) -> None:
         worst = {name: getattr(scene.camera, name) for name in world.interior.names[4:] if getattr(scene.camera, name)}
         raise TestfieldError(
             f"the distortion ({', '.join(f'{k} = {v}' for k, v in worst.items())}) folds back within the image",
-            f"{source}, camera", "weaken it, or lengthen focal_length_mm",
-        )  # fmt: skip
+            f"{source}, camera",
+            "weaken it, or lengthen focal_length_mm",
+        )
     blur = scene.camera.psf_sigma_px
     if 0 < blur < NARROWEST_PX:
         raise TestfieldError(
@@ -35,44 +36,51 @@ def possible_optics(scene: SceneFile, world: World, source: str) -> None:
     if 0 < world.optics.airy_px < NARROWEST_AIRY_PX:
         raise TestfieldError(
             f"wavelength x f-number is {world.optics.airy_px:.2f} px, finer than can be resolved",
-            f"{source}, camera.diffraction", "set it to false: the pixel's own area is far larger",
-        )  # fmt: skip
+            f"{source}, camera.diffraction",
+            "set it to false: the pixel's own area is far larger",
+        )
     if world.motion.target.moves and scene.render.mode == "path":
         raise TestfieldError(
-            "render.mode = 'path' carries no moving target", f"{source}, target_motion",
+            "render.mode = 'path' carries no moving target",
+            f"{source}, target_motion",
             "move the camera instead (camera.motion), or set render.mode = 'fast'",
-        )  # fmt: skip
+        )
     focus = scene.camera.focus_mm
     if focus is not None and focus <= scene.camera.focal_length_mm:
         raise TestfieldError(
-            f"value {focus} is not in front of the lens' focal plane", f"{source}, camera.focus_mm",
+            f"value {focus} is not in front of the lens' focal plane",
+            f"{source}, camera.focus_mm",
             "give the distance of what is to be sharp, in mm",
-        )  # fmt: skip
+        )
     v1, v2, v3 = scene.camera.vignetting
     r2 = np.linspace(0, 1, 101) ** 2
     least = float((1 + r2 * (v1 + r2 * (v2 + r2 * v3))).min())
     if least <= 0:
         raise TestfieldError(
             f"value {list(scene.camera.vignetting)} leaves less than no light ({least:.2f}) within the image",
-            f"{source}, camera.vignetting", "weaken it: 1 + v1 r^2 + v2 r^4 + v3 r^6 must stay positive to r = 1",
-        )  # fmt: skip
+            f"{source}, camera.vignetting",
+            "weaken it: 1 + v1 r^2 + v2 r^4 + v3 r^6 must stay positive to r = 1",
+        )
     if scene.exposure.shutter == "global" and scene.exposure.row_time_us:
         raise TestfieldError(
-            "all rows of a global shutter are exposed at once", f"{source}, exposure.row_time_us",
+            "all rows of a global shutter are exposed at once",
+            f"{source}, exposure.row_time_us",
             'leave it out, or set shutter = "rolling"',
-        )  # fmt: skip
+        )
     if scene.exposure.shutter == "rolling" and not scene.exposure.row_time_us:
         raise TestfieldError(
-            "a rolling shutter whose rows take no time is a global one", f"{source}, exposure.row_time_us",
+            "a rolling shutter whose rows take no time is a global one",
+            f"{source}, exposure.row_time_us",
             "give the time a row takes to read, as 10",
-        )  # fmt: skip
+        )
     stations = range(len(world.camera_from_world))
     longest = max(float(np.nan_to_num(streaks_px(world, s)).max(initial=0)) for s in stations)
     if longest > LONGEST_STREAK_PX:
         raise TestfieldError(
             f"the motion during the exposure smears targets over {longest:.0f} px",
-            f"{source}, exposure.time_ms", "shorten it, or slow the motion down",
-        )  # fmt: skip
+            f"{source}, exposure.time_ms",
+            "shorten it, or slow the motion down",
+        )
 
 
 def bendable_ink(scene: SceneFile, source: str) -> None:
@@ -81,9 +89,10 @@ def bendable_ink(scene: SceneFile, source: str) -> None:
         ink = board.ink or scene.paint.ink
         if board.bow_mm and ink in ("gloss", "luminous"):
             raise TestfieldError(
-                f"a bent board ({board.bow_mm} mm) cannot be printed with {ink} ink", f"{source}, boards[{k}].bow_mm",
+                f"a bent board ({board.bow_mm} mm) cannot be printed with {ink} ink",
+                f"{source}, boards[{k}].bow_mm",
                 "set it to 0, or choose matt or retro ink",
-            )  # fmt: skip
+            )
 
 
 def visible_paint(scene: SceneFile, source: str) -> None:
@@ -91,31 +100,37 @@ def visible_paint(scene: SceneFile, source: str) -> None:
     paint, inks = scene.paint, {scene.paint.ink, *(board.ink for board in scene.boards)}
     if paint.white <= paint.black:
         raise TestfieldError(
-            f"white ({scene.paint.white}) is not brighter than black ({scene.paint.black})", f"{source}, paint.white",
+            f"white ({scene.paint.white}) is not brighter than black ({scene.paint.black})",
+            f"{source}, paint.white",
             "raise it; for black marks on white set paint.white_on_black = false",
-        )  # fmt: skip
+        )
     for ink in ("retro", "luminous"):
         if ink in inks and not paint.white_on_black:
             raise TestfieldError(
-                f"ink '{ink}' with white_on_black = false: the ink would be the black", f"{source}, paint.ink",
+                f"ink '{ink}' with white_on_black = false: the ink would be the black",
+                f"{source}, paint.ink",
                 "set paint.white_on_black = true, or choose matt or gloss",
-            )  # fmt: skip
+            )
     if "retro" in inks:
         returned = retro_reflectance(paint.retro.coefficient_cd_lx_m2, paint.retro.half_observation_deg)
         if paint.retro.matt + returned > 1:
             raise TestfieldError(
                 f"value {paint.retro.coefficient_cd_lx_m2}: with half_observation_deg = "
                 f"{paint.retro.half_observation_deg} it returns {returned:.2f} of the light, with matt = "
-                f"{paint.retro.matt} more than falls on it", f"{source}, paint.retro.coefficient_cd_lx_m2", "lower one",
-            )  # fmt: skip
+                f"{paint.retro.matt} more than falls on it",
+                f"{source}, paint.retro.coefficient_cd_lx_m2",
+                "lower one",
+            )
     for what, asked in (
-        ("a target that moves", scene.target_motion is not None), ("diffraction", scene.camera.diffraction),
-    ):  # fmt: skip
+        ("a target that moves", scene.target_motion is not None),
+        ("diffraction", scene.camera.diffraction),
+    ):
         if "gloss" in inks and asked:
             raise TestfieldError(
-                f"glossy ink cannot be rendered together with {what}", f"{source}, paint.ink",
+                f"glossy ink cannot be rendered together with {what}",
+                f"{source}, paint.ink",
                 "choose another ink, or leave out target_motion and camera.diffraction",
-            )  # fmt: skip
+            )
 
 
 def retro_reflectance(coefficient: float, half_observation_deg: float) -> float:
@@ -146,9 +161,10 @@ def lit(scene: SceneFile, source: str) -> list[str]:
     around = room.environment is not None or room.ambient_w_m2_sr > 0
     if not room.lights and not around and not flashes and "luminous" not in inks:
         raise TestfieldError(
-            "the scene has no light", f"{source}, room",
+            "the scene has no light",
+            f"{source}, room",
             "add room.lights, ambient_w_m2_sr, an environment, or camera.flash",
-        )  # fmt: skip
+        )
     if "retro" in inks and not flashes:
         return [f"{source}: retro-reflective ink is seen without camera.flash, so it is no brighter than matt ink"]
     return []

@@ -74,9 +74,10 @@ def marks_fit(scene: SceneFile, world: World, source: str) -> None:
         if over.any():
             at = marks.xy_mm[here[np.argmax(over.any(axis=1))]]
             raise TestfieldError(
-                f"a mark at ({at[0]:.1f}, {at[1]:.1f}) mm reaches over the edge", f"{source}, {world.panels.name[k]}",
+                f"a mark at ({at[0]:.1f}, {at[1]:.1f}) mm reaches over the edge",
+                f"{source}, {world.panels.name[k]}",
                 "enlarge size_mm, or move or shrink the zone",
-            )  # fmt: skip
+            )
         pair = _too_close(marks.xy_mm[here], quiet[here], printed[here])
         if pair is not None:
             a, b = marks.xy_mm[here[list(pair)]]
@@ -84,7 +85,7 @@ def marks_fit(scene: SceneFile, world: World, source: str) -> None:
                 f"marks at ({a[0]:.1f}, {a[1]:.1f}) and ({b[0]:.1f}, {b[1]:.1f}) mm are too close",
                 f"{source}, {world.panels.name[k]}",
                 "leave each coded target its quiet zone of 3.9 dot radii",
-            )  # fmt: skip
+            )
 
 
 def _too_close(xy_mm: np.ndarray, quiet_mm: np.ndarray, printed_mm: np.ndarray) -> tuple[int, int] | None:

@@ -25,9 +25,10 @@ def check_patterns(scene: SceneFile, world: World, source: str) -> None:
             if name in owners:
                 what = f"tag {name[1]} of {name[0]}" if len(pattern.tags) else f"{pattern.kind} of the same size"
                 raise TestfieldError(
-                    f"{what} is also on boards[{owners[name]}]", f"{source}, boards[{k}].pattern",
+                    f"{what} is also on boards[{owners[name]}]",
+                    f"{source}, boards[{k}].pattern",
                     "give another first_tag" if len(pattern.tags) else "give it another number of columns",
-                )  # fmt: skip
+                )
             owners[name] = k
         for j, other in enumerate(world.field.boards):
             if j != k and other.pattern is not None and not len(pattern.tags) and other.pattern.kind == pattern.kind:
@@ -35,14 +36,16 @@ def check_patterns(scene: SceneFile, world: World, source: str) -> None:
                 if size != larger and all(a <= b for a, b in zip(size, larger, strict=True)):
                     raise TestfieldError(
                         f"this {pattern.kind} of {pattern.columns} x {pattern.rows} would be found within boards[{j}]",
-                        f"{source}, boards[{k}].pattern", "make it longer one way and shorter the other",
-                    )  # fmt: skip
+                        f"{source}, boards[{k}].pattern",
+                        "make it longer one way and shorter the other",
+                    )
         ink = scene.boards[k].ink or scene.paint.ink
         if pattern.has_corners and ink in ("retro", "luminous"):
             raise TestfieldError(
                 f"a board of squares or tags is black on white and cannot have {ink} ink",
-                f"{source}, boards[{k}].ink", 'set it to "matt" or "gloss"',
-            )  # fmt: skip
+                f"{source}, boards[{k}].ink",
+                'set it to "matt" or "gloss"',
+            )
 
 
 def pattern_warnings(world: World, views: Views, source: str) -> list[str]:

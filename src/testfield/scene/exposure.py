@@ -22,9 +22,11 @@ FULL, WISHED, LEAST_CONTRAST = 0.95, 0.7, 20.0
 def sensor_of(scene: SceneFile) -> Sensor:
     """The scene's sensor, exposed as the scene says."""
     return Sensor(
-        pixel_pitch_um=scene.camera.pixel_pitch_um, f_number=scene.camera.f_number, time_ms=scene.exposure.time_ms,
+        pixel_pitch_um=scene.camera.pixel_pitch_um,
+        f_number=scene.camera.f_number,
+        time_ms=scene.exposure.time_ms,
         **scene.sensor.model_dump(),
-    )  # fmt: skip
+    )
 
 
 def check_exposure(scene: SceneFile, world: World, source: str) -> list[str]:
@@ -35,8 +37,9 @@ def check_exposure(scene: SceneFile, world: World, source: str) -> list[str]:
     if not (white[world.marks.board >= 0] > 0).any():
         raise TestfieldError(
             "no board receives any light: every lamp shines away from them, and there is none from all around",
-            f"{source}, room.lights", "turn `normal` of the lamps to the boards, or give room.ambient_w_m2_sr",
-        )  # fmt: skip
+            f"{source}, room.lights",
+            "turn `normal` of the lamps to the boards, or give room.ambient_w_m2_sr",
+        )
     sensor = sensor_of(scene)
     sheet, where = sensor.sheet, f"{source}, exposure.time_ms = {scene.exposure.time_ms:g}"
     dn = sensor.electrons_per_radiance / sensor.gain_e_per_dn

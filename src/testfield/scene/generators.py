@@ -137,16 +137,18 @@ def _random_places(
     edges_mm = np.subtract(part.high_mm, part.low_mm)
     if edges_mm.max() > LARGEST_BOX_MM:
         raise TestfieldError(
-            f"the box is {edges_mm.max():.3g} mm long", f"check_targets[{number}].high_mm",
+            f"the box is {edges_mm.max():.3g} mm long",
+            f"check_targets[{number}].high_mm",
             f"give millimetres, {LARGEST_BOX_MM:.0g} at most",
-        )  # fmt: skip
+        )
     # No packing of spheres is denser than 0.7405; sieving at random finds no more than about half of that.
     fits = 0.7405 * np.prod(edges_mm + part.spacing_mm) / (np.pi / 6 * max(part.spacing_mm, 1e-9) ** 3)
     if part.count > fits:
         raise TestfieldError(
-            f"{part.count} targets {part.spacing_mm:g} mm apart do not fit in the box", f"check_targets[{number}]",
+            f"{part.count} targets {part.spacing_mm:g} mm apart do not fit in the box",
+            f"check_targets[{number}]",
             "enlarge the box, or lower count or spacing_mm",
-        )  # fmt: skip
+        )
     places: list[np.ndarray] = []
     centres, radii = np.array([c for c, _ in clear_of]).reshape(-1, 3), np.array([r for _, r in clear_of])
     in_vain = 0
@@ -162,9 +164,10 @@ def _random_places(
             in_vain = 0
     if len(places) < part.count:
         raise TestfieldError(
-            f"only {len(places)} of {part.count} targets find a place", f"check_targets[{number}]",
+            f"only {len(places)} of {part.count} targets find a place",
+            f"check_targets[{number}]",
             "enlarge the box, or lower count or spacing_mm",
-        )  # fmt: skip
+        )
     mean = unit(np.array(part.normal))
     helper = np.array([0, 0, 1.0]) if abs(mean[2]) < 0.9 else np.array([1.0, 0, 0])
     first = unit(np.cross(helper, mean))

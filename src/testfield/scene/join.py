@@ -25,9 +25,10 @@ def joined_world(parts: tuple[ScenePart, ...], worlds: tuple[World, ...], told: 
         place = np.full(len(world.panels), -1)
         place[own] = len(panels) + np.arange(len(own))
         added = _taken(world.marks, moved)
-        panels, marks = _panels(panels, world.panels, own), _marks(marks, replace(
-            added, panel=place[added.panel], code=code_at(added.code, time)
-        ))  # fmt: skip
+        panels, marks = (
+            _panels(panels, world.panels, own),
+            _marks(marks, replace(added, panel=place[added.panel], code=code_at(added.code, time))),
+        )
     return replace(
         first,
         panels=panels,

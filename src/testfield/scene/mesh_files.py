@@ -24,9 +24,10 @@ def check_mesh_file(path: Path, where: str) -> None:
         raise TestfieldError(f"value '{path}': '{path.suffix}' is no format of meshes", where, f"give one of {known}")
     if size > LARGEST_BYTES:
         raise TestfieldError(
-            f"value '{path}': the file has {size / 1e6:.0f} MB, and {LARGEST_BYTES / 1e6:.0f} MB are read", where,
+            f"value '{path}': the file has {size / 1e6:.0f} MB, and {LARGEST_BYTES / 1e6:.0f} MB are read",
+            where,
             "give a coarser mesh",
-        )  # fmt: skip
+        )
     with path.open("rb") as file:
         begins = file.read(HEADER_BYTES if kind in (".glb", ".ply") else 16)
     if begins.startswith(ARCHIVES):
@@ -34,9 +35,10 @@ def check_mesh_file(path: Path, where: str) -> None:
     counts = {".glb": _of_glb, ".ply": _of_ply}.get(kind, lambda _: [])(begins)
     if any(count > size for count in counts):
         raise TestfieldError(
-            f"value '{path}': it says that it holds {max(counts)} items, more than its {size} bytes can", where,
+            f"value '{path}': it says that it holds {max(counts)} items, more than its {size} bytes can",
+            where,
             "mend it",
-        )  # fmt: skip
+        )
 
 
 def _of_ply(begins: bytes) -> list[int]:

@@ -55,8 +55,9 @@ def _load(part: MeshPart, folder: Path, where: str, volume_mm: float) -> TrueMes
         raise TestfieldError(
             f"in '{unit}' the mesh {path} has a bounding box of {size:.4g} mm, and the measuring volume's "
             f"diagonal is {volume_mm:.4g} mm",
-            f"{where}.unit", "give the unit of the file's coordinates",
-        )  # fmt: skip
+            f"{where}.unit",
+            "give the unit of the file's coordinates",
+        )
     faces, closed = facing_outwards(vertices, faces)
     placed = vertices @ turned(part.rotation_deg).T + np.array(part.position_mm)
     return TrueMesh(part.name, placed, faces, part.albedo, closed)

@@ -179,9 +179,10 @@ def _no_rigs(scene: SceneFile) -> None:
     for k, part in enumerate(scene.stations):
         if part.rig or part.camera not in (None, DEFAULT_CAMERA):
             raise TestfieldError(
-                f"value '{part.rig or part.camera}': the scene has no [[cameras]]", f"stations[{k}]",
+                f"value '{part.rig or part.camera}': the scene has no [[cameras]]",
+                f"stations[{k}]",
                 "declare cameras by name, or leave it out",
-            )  # fmt: skip
+            )
 
 
 def _names_fit(scene: SceneFile) -> None:
@@ -210,17 +211,17 @@ def _names_fit(scene: SceneFile) -> None:
     for k, part in enumerate(scene.stations):
         if (part.camera is None) == (part.rig is None):
             raise TestfieldError(
-                "a station of a scene with several cameras needs either `camera` or `rig`", f"stations[{k}]",
+                "a station of a scene with several cameras needs either `camera` or `rig`",
+                f"stations[{k}]",
                 f"name one of {', '.join((*known, *rigs))}",
-            )  # fmt: skip
+            )
         if part.camera and part.camera not in known:
             raise TestfieldError(
                 f"no camera is called '{part.camera}'", f"stations[{k}].camera", nearest(part.camera, known)
             )
         if part.camera in held:
             raise TestfieldError(
-                f"camera '{part.camera}' is held by rig '{held[part.camera]}'", f"stations[{k}].camera",
-                "name the rig",
-            )  # fmt: skip
+                f"camera '{part.camera}' is held by rig '{held[part.camera]}'", f"stations[{k}].camera", "name the rig"
+            )
         if part.rig and part.rig not in rigs:
             raise TestfieldError(f"no rig is called '{part.rig}'", f"stations[{k}].rig", nearest(part.rig, rigs))

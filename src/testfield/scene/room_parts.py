@@ -98,18 +98,22 @@ class RetroPart(Part):
         300.0, description="R_A at normal entrance and observation angle zero, in cd / (lx m^2), that is 1 / sr."
     )
     half_entrance_deg: float = Field(
-        45.0, gt=0, le=80,
+        45.0,
+        gt=0,
+        le=80,
         description="Entrance angle at which R_A has halved; it falls as 2^-(angle / half)^4, flat at first.",
-    )  # fmt: skip
+    )
     half_observation_deg: float = Field(
         0.8, ge=0.1, le=10, description="Observation angle at which R_A has halved; it falls as 2^-(angle / half)^2."
     )
     matt: float = Field(0.35, gt=0, le=0.95, description="The ink's diffuse reflectance, which ordinary light meets.")
     shift_um_at_40_deg: float = Field(
-        0.0, ge=-1000, le=1000,
+        0.0,
+        ge=-1000,
+        le=1000,
         description="How far what retro-reflects lies from the print when seen 40 degrees off the normal, towards the "
         "viewer; proportional to the sine. The truth stays at the print.",
-    )  # fmt: skip
+    )
 
 
 class GlossPart(Part):

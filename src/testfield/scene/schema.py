@@ -48,9 +48,11 @@ class RenderPart(Part):
     )
     samples: int = Field(64, ge=1, le=10_000_000, description="path: samples a pixel.")
     noise_target: float = Field(
-        0.005, gt=0, le=1,
+        0.005,
+        gt=0,
+        le=1,
         description="What must be sampled (gloss) is, until each pixel's standard error is this part of white.",
-    )  # fmt: skip
+    )
     most_samples: int = Field(
         4096, ge=64, le=10_000_000, description="Where a pixel's sampling ends even if noise_target is not reached."
     )
@@ -113,10 +115,12 @@ class SceneFile(Part):
         min_length=1, max_length=1000, description="Sub-boards; the first defines the measuring frame."
     )
     u_print_scale_ppm: float = Field(
-        20, ge=0, le=10000,
+        20,
+        ge=0,
+        le=10000,
         description="Standard uncertainty of the scale all boards share (printing, temperature); "
         "the true scale differs by a draw from it.",
-    )  # fmt: skip
+    )
     certified_poses: CertifiedPosesPart | None = Field(
         None, description="Whether somebody measured where the boards are, for the calibrators stitched_given and dlt."
     )

@@ -72,8 +72,9 @@ def _apart(places: list[Place], side_mm: float, taken: list[tuple[np.ndarray, fl
             if distance < need:
                 raise TestfieldError(
                     f"target {k + 1} is {distance:.1f} mm from another one and their stickers need {need:.1f} mm",
-                    where, "move them apart, or lower diameter_mm",
-                )  # fmt: skip
+                    where,
+                    "move them apart, or lower diameter_mm",
+                )
         there.append((place, side_mm))
 
 
@@ -85,8 +86,9 @@ def _supported(mesh: TrueMesh, places: list[Place], side_mm: float, where: str) 
         k = int(np.argmax(over))
         raise TestfieldError(
             f"the sticker of target {k + 1} is {side_mm:.0f} mm wide, and '{mesh.name}' is not under all of it",
-            where, "move the point away from the edge, or lower diameter_mm",
-        )  # fmt: skip
+            where,
+            "move the point away from the edge, or lower diameter_mm",
+        )
 
 
 def _drawn(
@@ -119,9 +121,10 @@ def _drawn(
         return places
     raise TestfieldError(
         f"only {len(places)} of {count} targets find a place on '{part.mesh}', flat and wide enough for stickers of "
-        f"{side_mm:.0f} mm", f"check_targets[{number}].count",
+        f"{side_mm:.0f} mm",
+        f"check_targets[{number}].count",
         f"lower it, spacing_mm (stickers need {np.sqrt(2) * side_mm:.0f}) or diameter_mm, or widen within_deg",
-    )  # fmt: skip
+    )
 
 
 def _first_free(

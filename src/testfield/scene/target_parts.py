@@ -122,9 +122,10 @@ class MeasuringLinePart(Part):
     start_mm: Vector3 = Field(description="Where the first target is.")
     direction: Direction = Field(description="From the first target to the others; any length.")
     lengths_mm: tuple[PositiveFloat, ...] = Field(
-        min_length=1, max_length=100,
+        min_length=1,
+        max_length=100,
         description="Calibrated distances of the other targets from the first; five or more in VDI/VDE 2634 part 1.",
-    )  # fmt: skip
+    )
     u_length_mm: float = Field(
         0.002, ge=0, description="Standard uncertainty of these distances; the true ones differ by draws from it."
     )

@@ -36,7 +36,7 @@ def true_interior(scene: SceneFile) -> Interior:
                 f"value {getattr(camera, name)}: the lens model '{camera.lens}' has no such coefficient",
                 f"camera.{name}",
                 f"its coefficients are {', '.join(names[4:])}",
-            )  # fmt: skip
+            )
     values = [focal, focal * camera.aspect, cx, cy, *[getattr(camera, name) for name in names[4:]]]
     return Interior(camera.width_px, camera.height_px, np.array(values, float), camera.lens, _residual_field(scene))
 
@@ -46,13 +46,12 @@ def true_optics(scene: SceneFile) -> Optics:
     camera = scene.camera
     airy_um = 1e-3 * scene.sensor.wavelength_nm * camera.f_number
     return Optics(
-        0.0 if camera.focus_mm is None
-        else entrance_pupil_mm(camera.focal_length_mm, camera.f_number, camera.focus_mm),
+        0.0 if camera.focus_mm is None else entrance_pupil_mm(camera.focal_length_mm, camera.f_number, camera.focus_mm),
         camera.focus_mm or 0.0,
         airy_um / camera.pixel_pitch_um if camera.diffraction else 0.0,
         camera.vignetting,
         camera.natural_vignetting,
-    )  # fmt: skip
+    )
 
 
 def true_motion(scene: SceneFile) -> Motion:

@@ -38,23 +38,27 @@ def acceptance(
     if not asked:
         raise TestfieldError(
             "the scene has no measuring lines, no check bar, and fewer than two check targets, so there is no length "
-            "to test", f"{scene.name}, measuring_lines", "add [[measuring_lines]] or check targets to the scene",
-        )  # fmt: skip
+            "to test",
+            f"{scene.name}, measuring_lines",
+            "add [[measuring_lines]] or check targets to the scene",
+        )
     lengths = measured(points, asked)
     if not len(lengths):
         raise TestfieldError(
             f"none of the {len(asked)} test lengths was measured: their targets are not among the points",
-            "points.parquet", "look at the report's detection table; make the targets larger or add stations",
-        )  # fmt: skip
+            "points.parquet",
+            "look at the report's detection table; make the targets larger or add stations",
+        )
     if limit is None and (part := scene.acceptance) is not None:
         limit = Limit(part.a_mm, part.k_ppm, np.inf if part.b_mm is None else part.b_mm)
     stands = arrangement(scene, world)
     card = {
         "scene": world.name,
         "lengths": figures(lengths) | {"rule": rule, "missing": missing(points, asked)},
-        "verdict": None if limit is None else judge(lengths, limit, len(asked) - len(lengths)) | {
-            "arrangement_met": stands is not None and all(row["met"] for row in stands)
-        },
+        "verdict": None
+        if limit is None
+        else judge(lengths, limit, len(asked) - len(lengths))
+        | {"arrangement_met": stands is not None and all(row["met"] for row in stands)},
         "arrangement": stands,
         "adjustment": {
             "scale_bars": [bar.name for bar in world.field.scale_bars if bar.role == "control"],
@@ -64,7 +68,7 @@ def acceptance(
         "flatness": planes(scene, world, points),
         "points": points_card(world, calibration, points, lengths),
         "rows": lengths.rows(limit),
-    }  # fmt: skip
+    }
     return card, lengths
 
 
@@ -105,10 +109,13 @@ def measured(points: Points, asked: list[Asked]) -> MeasuredLengths:
     gain[rows, ends[:, 0]] -= direction
     flat = gain.reshape(len(here), 3 * len(points))
     return MeasuredLengths(
-        tuple(line for line, *_ in here), np.array([(a, b) for _, a, b, _, _ in here], int).reshape(-1, 2),
-        np.array([value for *_, value, _ in here]), np.array([u for *_, u in here]), length,
+        tuple(line for line, *_ in here),
+        np.array([(a, b) for _, a, b, _, _ in here], int).reshape(-1, 2),
+        np.array([value for *_, value, _ in here]),
+        np.array([u for *_, u in here]),
+        length,
         flat @ points.cov_xyz_mm2 @ flat.T,
-    )  # fmt: skip
+    )
 
 
 def missing(points: Points, asked: list[Asked]) -> list[dict[str, Any]]:
@@ -135,14 +142,26 @@ def arrangement(scene: SceneFile, world: World) -> list[dict[str, Any]] | None:
     asked = (
         ("measuring lines", f"{LINES} or more", f"{len(lines)}", len(lines) >= LINES),
         ("test lengths on every line", f"{LENGTHS} or more", f"{fewest}", fewest >= LENGTHS),
-        ("longest length of every line", f"the shortest side, {size.min():.0f} mm, or more",
-         f"{longest.min():.0f} mm or more", longest.min() >= size.min() - 1e-6),
-        ("one line at least", f"two thirds of the diagonal, {2 / 3 * diagonal:.0f} mm", f"{longest.max():.0f} mm",
-         longest.max() >= 2 / 3 * diagonal),
-        ("the lines span the volume", " x ".join(f"{v:.0f}" for v in size) + " mm",
-         " x ".join(f"{v:.0f}" for v in high - low) + " mm", bool((high - low >= (1 - CORNER) * size).all())),
+        (
+            "longest length of every line",
+            f"the shortest side, {size.min():.0f} mm, or more",
+            f"{longest.min():.0f} mm or more",
+            longest.min() >= size.min() - 1e-6,
+        ),
+        (
+            "one line at least",
+            f"two thirds of the diagonal, {2 / 3 * diagonal:.0f} mm",
+            f"{longest.max():.0f} mm",
+            longest.max() >= 2 / 3 * diagonal,
+        ),
+        (
+            "the lines span the volume",
+            " x ".join(f"{v:.0f}" for v in size) + " mm",
+            " x ".join(f"{v:.0f}" for v in high - low) + " mm",
+            bool((high - low >= (1 - CORNER) * size).all()),
+        ),
         ("an end point in every corner", "8", f"{near.sum()}", bool(near.all())),
-    )  # fmt: skip
+    )
     return [{"what": what, "asked": wish, "found": found, "met": bool(met)} for what, wish, found, met in asked]
 
 
@@ -169,10 +188,13 @@ def spacing(world: World, points: Points) -> dict[str, Any] | None:
         return None
     worst = int(np.argmax(np.abs(found.dl_mm)))
     return {
-        "rule": rule, "spacings": len(found), "max_abs_mm": float(np.abs(found.dl_mm).max()),
+        "rule": rule,
+        "spacings": len(found),
+        "max_abs_mm": float(np.abs(found.dl_mm).max()),
         "worst_codes": [int(code) for code in found.codes[worst]],
-        "rms_mm": float(np.sqrt((found.dl_mm**2).mean())), "rms_u_mm": float(np.sqrt((found.u_dl_mm**2).mean())),
-    }  # fmt: skip
+        "rms_mm": float(np.sqrt((found.dl_mm**2).mean())),
+        "rms_u_mm": float(np.sqrt((found.u_dl_mm**2).mean())),
+    }
 
 
 def planes(scene: SceneFile, world: World, points: Points) -> list[dict[str, Any]]:
@@ -201,10 +223,15 @@ def planes(scene: SceneFile, world: World, points: Points) -> list[dict[str, Any
         if len(here) < 4 or in_a_row(true):
             continue
         found = points.xyz_mm[points.rows(here)]
-        rows.append({
-            "plane": name, "targets": len(here), "measured_mm": flatness(found), "true_mm": flatness(true),
-            "error_mm": form_error(found, true),
-        })  # fmt: skip
+        rows.append(
+            {
+                "plane": name,
+                "targets": len(here),
+                "measured_mm": flatness(found),
+                "true_mm": flatness(true),
+                "error_mm": form_error(found, true),
+            }
+        )
     return rows
 
 
@@ -226,9 +253,10 @@ def points_card(
         "en_within_1": float((np.abs(lengths_en) <= 1).mean()),
         "covered_95": float((np.abs(lengths.dl_mm) <= norm.ppf(0.975) * lengths.u_dl_mm).mean()),
         "zeta_worst": 2 * float(lengths_en[np.argmax(np.abs(lengths_en))]),
-        "zeta_within_2": float((np.abs(lengths_en) <= 1).mean()), "zeta_pit_distance": of_zeta,
+        "zeta_within_2": float((np.abs(lengths_en) <= 1).mean()),
+        "zeta_pit_distance": of_zeta,
         "lengths": len(lengths),
-    }  # fmt: skip
+    }
     if n < 3:
         return {"check_points": n, "of_lengths": of_lengths}
     sigma = float(np.sqrt(np.trace(aligned_covariance(score.cov_mm2, score.true_mm)) / (3 * n)))
@@ -244,17 +272,28 @@ def points_card(
     z = decorrelated(score.error_mm.ravel(), score.cov_mm2)
     (distance, p), (of_coordinates, _) = pit_uniformity(z), pit_uniformity(2 * en)
     return {
-        "check_points": n, "expected": score.expected, "fitted_parameters": fitted, "rmse_mm": rmse, "sigma_mm": sigma,
-        "external_over_internal": rmse / sigma, "largest_distance_mm": largest, "diagonal_mm": world.field_diagonal_mm,
-        "relative_accuracy_sigma": largest / sigma, "relative_accuracy_rmse": largest / rmse,
+        "check_points": n,
+        "expected": score.expected,
+        "fitted_parameters": fitted,
+        "rmse_mm": rmse,
+        "sigma_mm": sigma,
+        "external_over_internal": rmse / sigma,
+        "largest_distance_mm": largest,
+        "diagonal_mm": world.field_diagonal_mm,
+        "relative_accuracy_sigma": largest / sigma,
+        "relative_accuracy_rmse": largest / rmse,
         "relative_accuracy_sigma_diagonal": world.field_diagonal_mm / sigma,
         "relative_accuracy_rmse_diagonal": world.field_diagonal_mm / rmse,
-        "anees": anees, "anees_band_95": list(nees_band(freedom)), "after_fit": score.free,
-        "coverage_95": hits / n, "coverage_band_99": [hits_of / n for hits_of in joint_hit_band(score.cov_mm2, 3)],
-        "en_worst": float(en[np.argmax(np.abs(en))]), "en_within_1": float((np.abs(en) <= 1).mean()),
+        "anees": anees,
+        "anees_band_95": list(nees_band(freedom)),
+        "after_fit": score.free,
+        "coverage_95": hits / n,
+        "coverage_band_99": [hits_of / n for hits_of in joint_hit_band(score.cov_mm2, 3)],
+        "en_worst": float(en[np.argmax(np.abs(en))]),
+        "en_within_1": float((np.abs(en) <= 1).mean()),
         "pit": {"distance": distance, "p": p, "values": len(z), "distance_of_coordinates": of_coordinates},
         "of_lengths": of_lengths,
-    }  # fmt: skip
+    }
 
 
 def _check_positions(world: World) -> dict[int, np.ndarray]:

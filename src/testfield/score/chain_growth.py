@@ -59,14 +59,19 @@ def chain_errors(world: World, calibration: Calibration) -> ChainErrors:
         u.append(np.sqrt(np.diag(to_world @ covariance[3:, 3:] @ to_world.T)))
     shift, turns = [], []
     for a in range(len(true) - 1):
-        pair = [(poses.R[a].T @ poses.R[a + 1], poses.R[a].T @ (poses.t_mm[a + 1] - poses.t_mm[a]))
-                for poses in (found, true)]  # fmt: skip
+        pair = [
+            (poses.R[a].T @ poses.R[a + 1], poses.R[a].T @ (poses.t_mm[a + 1] - poses.t_mm[a]))
+            for poses in (found, true)
+        ]
         upright = to_world @ true.R[a]
         shift.append(upright @ (pair[0][1] - pair[1][1]))
         turns.append(upright @ rotation_vector((pair[0][0] @ pair[1][0].T)[None])[0])
     shifts, turned = np.array(shift), np.array(turns)
     # A turn about z moves what lies ahead in +y, one about y in -z; out of the plane, towards the cameras, is -y.
     return ChainErrors(
-        np.array(place) * [1, -1, 1], np.array(u), np.array(nees), shifts[:, 1:] * [-1, 1],
+        np.array(place) * [1, -1, 1],
+        np.array(u),
+        np.array(nees),
+        shifts[:, 1:] * [-1, 1],
         np.column_stack([-turned[:, 2], -turned[:, 1]]),
-    )  # fmt: skip
+    )

@@ -107,10 +107,19 @@ def score_detection(world: World, views: Views, observations: Observations) -> D
         else error
     )
     return DetectionScore(
-        station[index], mark, index, error, (white**2).sum(axis=1), expected, found,
+        station[index],
+        mark,
+        index,
+        error,
+        (white**2).sum(axis=1),
+        expected,
+        found,
         _why_missed(expected & ~found, true_px, views, observations, station),
-        np.array(wrong_code, int), np.array(wrong_dot, int), np.array(false, int), dirty,
-    )  # fmt: skip
+        np.array(wrong_code, int),
+        np.array(wrong_dot, int),
+        np.array(false, int),
+        dirty,
+    )
 
 
 def _why_missed(

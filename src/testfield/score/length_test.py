@@ -71,14 +71,19 @@ class MeasuredLengths:
         u_measured, dl, en = self.u_measured_mm, self.dl_mm, self.en
         return [
             {
-                "line": self.line[k], "codes": [int(code) for code in self.codes[k]],
-                "calibrated_mm": float(self.calibrated_mm[k]), "u_calibrated_mm": float(self.u_calibrated_mm[k]),
-                "measured_mm": float(self.measured_mm[k]), "u_measured_mm": float(u_measured[k]),
-                "dl_mm": float(dl[k]), "en": float(en[k]), "limit_mm": e[k],
+                "line": self.line[k],
+                "codes": [int(code) for code in self.codes[k]],
+                "calibrated_mm": float(self.calibrated_mm[k]),
+                "u_calibrated_mm": float(self.u_calibrated_mm[k]),
+                "measured_mm": float(self.measured_mm[k]),
+                "u_measured_mm": float(u_measured[k]),
+                "dl_mm": float(dl[k]),
+                "en": float(en[k]),
+                "limit_mm": e[k],
                 "within": None if limit is None else bool(abs(dl[k]) <= e[k]),
             }
             for k in range(len(self))
-        ]  # fmt: skip
+        ]
 
 
 def judge(lengths: MeasuredLengths, limit: Limit, missing: int = 0) -> dict[str, Any]:
@@ -96,12 +101,18 @@ def judge(lengths: MeasuredLengths, limit: Limit, missing: int = 0) -> dict[str,
         shown = "shown" if (size + U <= e).all() and not missing else "open"
     worst = int(np.argmax(size - e))
     return {
-        "a_mm": limit.a_mm, "k_ppm": limit.k_ppm, "b_mm": None if np.isinf(limit.b_mm) else limit.b_mm,
+        "a_mm": limit.a_mm,
+        "k_ppm": limit.k_ppm,
+        "b_mm": None if np.isinf(limit.b_mm) else limit.b_mm,
         "verdict": "failed" if outside else "incomplete" if missing else "passed",
-        "outside": outside, "of": len(lengths), "missing": missing,
-        "worst_codes": [int(code) for code in lengths.codes[worst]], "worst_dl_mm": float(lengths.dl_mm[worst]),
-        "worst_limit_mm": float(e[worst]), "with_test_uncertainty": shown,
-    }  # fmt: skip
+        "outside": outside,
+        "of": len(lengths),
+        "missing": missing,
+        "worst_codes": [int(code) for code in lengths.codes[worst]],
+        "worst_dl_mm": float(lengths.dl_mm[worst]),
+        "worst_limit_mm": float(e[worst]),
+        "with_test_uncertainty": shown,
+    }
 
 
 def limit_of(verdict: dict[str, Any]) -> Limit:
@@ -113,13 +124,17 @@ def figures(lengths: MeasuredLengths) -> dict[str, Any]:
     """Largest, mean and rms error; the mean relative error; the slope of the errors over length; the envelopes."""
     dl = lengths.dl_mm
     return {
-        "lengths": len(lengths), "shortest_mm": float(lengths.calibrated_mm.min()),
+        "lengths": len(lengths),
+        "shortest_mm": float(lengths.calibrated_mm.min()),
         "longest_mm": float(lengths.calibrated_mm.max()),
-        "max_abs_dl_mm": float(np.abs(dl).max()), "mean_dl_mm": float(dl.mean()),
-        "rms_dl_mm": float(np.sqrt((dl**2).mean())), "rms_u_dl_mm": float(np.sqrt((lengths.u_dl_mm**2).mean())),
+        "max_abs_dl_mm": float(np.abs(dl).max()),
+        "mean_dl_mm": float(dl.mean()),
+        "rms_dl_mm": float(np.sqrt((dl**2).mean())),
+        "rms_u_dl_mm": float(np.sqrt((lengths.u_dl_mm**2).mean())),
         "mean_relative_ppm": float(1e6 * (dl / lengths.calibrated_mm).mean()),
-        "slope": slope(lengths), "envelope": smallest_envelope(lengths),
-    }  # fmt: skip
+        "slope": slope(lengths),
+        "envelope": smallest_envelope(lengths),
+    }
 
 
 def slope(lengths: MeasuredLengths) -> dict[str, float] | None:
@@ -140,9 +155,13 @@ def slope(lengths: MeasuredLengths) -> dict[str, float] | None:
     scatter = float(np.sqrt(left @ left / (n - 2) * (gain[1] @ gain[1])))
     half, of_scatter = float(norm.ppf(0.975)) * u, float(t.ppf(0.975, n - 2)) * scatter
     ppm = {
-        "slope": b, "u_slope": u, "ci_low": b - half, "ci_high": b + half,
-        "scatter_low": b - of_scatter, "scatter_high": b + of_scatter,
-    }  # fmt: skip
+        "slope": b,
+        "u_slope": u,
+        "ci_low": b - half,
+        "ci_high": b + half,
+        "scatter_low": b - of_scatter,
+        "scatter_high": b + of_scatter,
+    }
     return {f"{name}_ppm": float(1e6 * value) for name, value in ppm.items()} | {"offset_mm": float(offset)}
 
 
@@ -158,11 +177,15 @@ def smallest_envelope(lengths: MeasuredLengths) -> dict[str, float]:
     # In units of the errors and lengths themselves, or the solver's tolerance would be larger than a micrometre.
     unit, reach = max(size.max(), 1e-12), length.max()
     found = linprog(
-        [1, length.mean() / reach], A_ub=-np.column_stack([np.ones(len(size)), length / reach]), b_ub=-size / unit,
+        [1, length.mean() / reach],
+        A_ub=-np.column_stack([np.ones(len(size)), length / reach]),
+        b_ub=-size / unit,
         bounds=[(0, None), (0, None)],
-    )  # fmt: skip
+    )
     k_ppm = 1e6 * unit * float(found.x[1]) / reach
     return {
-        "a_mm": float(smallest_a(lengths, np.array([k_ppm]))[0]), "k_ppm": float(k_ppm),
-        "a_without_k_mm": float(size.max()), "k_without_a_ppm": float(1e6 * (size / length).max()),
-    }  # fmt: skip
+        "a_mm": float(smallest_a(lengths, np.array([k_ppm]))[0]),
+        "k_ppm": float(k_ppm),
+        "a_without_k_mm": float(size.max()),
+        "k_without_a_ppm": float(1e6 * (size / length).max()),
+    }

@@ -17,10 +17,11 @@ def mother_scores(world: World, calibration: Calibration) -> dict[str, float]:
     statistic, freedom = coplanarity(calibration)
     return {
         "mother_rms_mm": fitted_rms_mm(found, true),
-        "mother_flatness_mm": flatness(found), "true_flatness_mm": flatness(true),
+        "mother_flatness_mm": flatness(found),
+        "true_flatness_mm": flatness(true),
         "coplanarity": statistic / freedom if freedom else float("nan"),
         "flat_passed": float(statistic <= chi2.ppf(0.95, freedom)) if freedom else float("nan"),
-    }  # fmt: skip
+    }
 
 
 def mother_marks(world: World, calibration: Calibration) -> tuple[np.ndarray, np.ndarray]:

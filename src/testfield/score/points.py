@@ -123,13 +123,19 @@ def score_lengths(world: World, calibration: Calibration, points: Points) -> dic
         true = float(np.linalg.norm(truth[bar.codes[0]] - truth[bar.codes[1]]))
         bars.append(
             {
-                "name": bar.name, "role": bar.role, "measured_mm": length, "u_measured_mm": u, "true_mm": true,
-                "certified_mm": bar.length_mm, "u_certified_mm": bar.u_length_mm, "error_mm": length - true,
+                "name": bar.name,
+                "role": bar.role,
+                "measured_mm": length,
+                "u_measured_mm": u,
+                "true_mm": true,
+                "certified_mm": bar.length_mm,
+                "u_certified_mm": bar.u_length_mm,
+                "error_mm": length - true,
                 "difference_to_certified_mm": length - bar.length_mm,
                 # A control bar made the scale it is measured with; only a check bar says anything independent.
                 "en": (length - bar.length_mm) / (2 * np.hypot(u, bar.u_length_mm)) if bar.role == "check" else None,
             }
-        )  # fmt: skip
+        )
     check = [bar["error_mm"] for bar in bars if bar["role"] == "check" and "error_mm" in bar]
     return {
         "check_error_mm": float(max(check, key=abs)) if check else None,

@@ -13,9 +13,15 @@ from testfield.scene.world import World
 from testfield.score.camera import score_camera
 
 OF_ONE = (
-    "corner_error_px", "corner_errors_px", "interior_error", "interior_u", "interior_anees", "imaging_error_px",
-    "imaging_u_px", "imaging_anees",
-)  # fmt: skip
+    "corner_error_px",
+    "corner_errors_px",
+    "interior_error",
+    "interior_u",
+    "interior_anees",
+    "imaging_error_px",
+    "imaging_u_px",
+    "imaging_anees",
+)
 """Figures that belong to one camera."""
 
 

@@ -30,9 +30,12 @@ def draw_observations(scene: SceneFile, world: World, views: Views, seed: int) -
     clear = (views.visible == 1) & (views.obliquity_deg < OBLIQUE_DEG) & (views.diameter_px >= least)
     station, mark = np.nonzero(clear)
     image = disc_image(
-        world.interior, world.camera_from_world[station], world.mark_world_mm[mark], world.mark_normal[mark],
+        world.interior,
+        world.camera_from_world[station],
+        world.mark_world_mm[mark],
+        world.mark_normal[mark],
         world.marks.diameter_mm[mark] / 2,
-    )  # fmt: skip
+    )
     contrast_dn, noise_dn = _levels(scene, world)
     snr = (contrast_dn / noise_dn)[mark]
     cov = bound_px2(image.moments_px2, snr, np.hypot(world.psf_sigma_px, 1 / np.sqrt(12)))
@@ -42,10 +45,17 @@ def draw_observations(scene: SceneFile, world: World, views: Views, seed: int) -
     )
     error = np.einsum("nij,nj->ni", np.linalg.cholesky(cov), z)
     return Observations(
-        world.station_name, station, views.disc_px[station, mark] + error, cov, image.moments_px2,
-        world.marks.code[mark], world.marks.board[mark], world.marks.point[mark], np.ones(len(mark)),
+        world.station_name,
+        station,
+        views.disc_px[station, mark] + error,
+        cov,
+        image.moments_px2,
+        world.marks.code[mark],
+        world.marks.board[mark],
+        world.marks.point[mark],
+        np.ones(len(mark)),
         np.full(len(mark), MEASURED, object),
-    )  # fmt: skip
+    )
 
 
 def bound_px2(moments_px2: np.ndarray, snr: np.ndarray, edge_px: float) -> np.ndarray:

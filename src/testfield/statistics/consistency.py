@@ -29,8 +29,9 @@ def trials_to_tell(freedom: int, factor: float, level: float = 0.01, power: floa
     if factor <= 0 or factor == 1 or freedom < 1:
         raise TestfieldError(
             f"a covariance {factor:g} times wrong in {freedom} degrees of freedom cannot be told",
-            "trials_to_tell", "ask for a factor above 0 that is not 1, and one degree of freedom or more",
-        )  # fmt: skip
+            "trials_to_tell",
+            "ask for a factor above 0 that is not 1, and one degree of freedom or more",
+        )
 
     def told(trials: int) -> bool:
         n = trials * freedom
@@ -44,8 +45,9 @@ def trials_to_tell(freedom: int, factor: float, level: float = 0.01, power: floa
         if most > MOST_TRIALS:
             raise TestfieldError(
                 f"{MOST_TRIALS} trials do not tell a covariance {factor:g} times wrong",
-                "trials_to_tell", "ask for a factor further from 1",
-            )  # fmt: skip
+                "trials_to_tell",
+                "ask for a factor further from 1",
+            )
     least = most // 2
     while most - least > 1:
         middle = (least + most) // 2

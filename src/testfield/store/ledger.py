@@ -114,9 +114,10 @@ class Ledger:
             inside(self.folder, target)
             if self.foreign(name) and file_digest(target) != sha[name]:
                 raise TestfieldError(
-                    "a file that was not made here, or was changed since, would be written over", str(target),
+                    "a file that was not made here, or was changed since, would be written over",
+                    str(target),
                     "move it away, or delete it to have it made again",
-                )  # fmt: skip
+                )
         for name in parts:
             self.coming.setdefault(name, []).append(sha[name])
         self.save()

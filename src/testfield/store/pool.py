@@ -49,9 +49,10 @@ def _until_done(pool: ProcessPoolExecutor) -> Iterator[ProcessPoolExecutor]:
         pool.shutdown(wait=False, cancel_futures=True)
         if isinstance(error, BrokenProcessPool):
             raise TestfieldError(
-                "one of this command's processes was ended from outside, perhaps for want of memory", "",
+                "one of this command's processes was ended from outside, perhaps for want of memory",
+                "",
                 "what is finished is kept; give the same command again, with fewer --jobs",
-            ) from error  # fmt: skip
+            ) from error
         raise
     pool.shutdown()
 

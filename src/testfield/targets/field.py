@@ -122,15 +122,19 @@ class Field:
         bars: list[ScaleBar] = []
         for bar in self.scale_bars:
             each = bar.u_length_mm * (np.sqrt(times) if bar.role == "control" else 1.0)
-            bars += [
-                replace(
-                    bar,
-                    name=f"{bar.name} @{time}",
-                    codes=(code_at(bar.codes[0], time), code_at(bar.codes[1], time)),
-                    u_length_mm=float(each),
-                )
-                for time in range(times)
-            ] if bar.moved else [bar]  # fmt: skip
+            bars += (
+                [
+                    replace(
+                        bar,
+                        name=f"{bar.name} @{time}",
+                        codes=(code_at(bar.codes[0], time), code_at(bar.codes[1], time)),
+                        u_length_mm=float(each),
+                    )
+                    for time in range(times)
+                ]
+                if bar.moved
+                else [bar]
+            )
         loose = dict(self.loose)
         for code in self.moving:
             loose |= {code_at(code, time): self.loose[code] for time in range(times)}
@@ -217,7 +221,9 @@ def _board(b: BoardSheet, bits: int) -> NominalBoard:
         pattern = BoardPattern(**b.pattern.model_dump())
     pose = None if b.pose is None else CertifiedPose(**b.pose.model_dump())
     marks = Marks(
-        np.column_stack([b.x_mm, b.y_mm]).astype(float).reshape(n, 2), np.array(b.diameter_mm, float),
-        np.array(b.code, int), bits,
-    )  # fmt: skip
+        np.column_stack([b.x_mm, b.y_mm]).astype(float).reshape(n, 2),
+        np.array(b.diameter_mm, float),
+        np.array(b.code, int),
+        bits,
+    )
     return NominalBoard(b.name, marks, b.u_xy_mm, b.u_z_mm, pattern, b.size_mm, pose)

@@ -105,8 +105,9 @@ class CameraPart(_Part):
     """One of several cameras: the photographs in a folder."""
 
     name: str = Field(min_length=1, description="Its name.")
-    folder: str = Field("", description="The folder of its photographs as it is called on the command line; absent, "
-                        "one of its name.")  # fmt: skip
+    folder: str = Field(
+        "", description="The folder of its photographs as it is called on the command line; absent, one of its name."
+    )
     lens: LensName | None = Field(None, description="Its lens model; absent, that of the command line.")
 
 

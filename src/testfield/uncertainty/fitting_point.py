@@ -114,10 +114,19 @@ def fit_point(
     left = np.eye(m) - J @ gain
     relative = 1 / (m * lengths_mm)
     return FittedPoint(
-        P, covariance, residual, float(np.sqrt(residual @ W @ residual / (m - 3))), np.sqrt(np.diag(cofactor)),
-        vertex_mm - P, cov_mm2[3 * m :, 3 * m :] + covariance - with_vertex - with_vertex.T,
-        float(relative @ residual), float(np.sqrt(relative @ left @ S @ left.T @ relative)), gain, J, S,
-    )  # fmt: skip
+        P,
+        covariance,
+        residual,
+        float(np.sqrt(residual @ W @ residual / (m - 3))),
+        np.sqrt(np.diag(cofactor)),
+        vertex_mm - P,
+        cov_mm2[3 * m :, 3 * m :] + covariance - with_vertex - with_vertex.T,
+        float(relative @ residual),
+        float(np.sqrt(relative @ left @ S @ left.T @ relative)),
+        gain,
+        J,
+        S,
+    )
 
 
 def without_correlation(cov_mm2: np.ndarray) -> np.ndarray:
@@ -154,5 +163,6 @@ def _observable(J: np.ndarray) -> None:
         normal = ", ".join(f"{v:+.3f}" for v in axes[2])
         raise TestfieldError(
             f"vertex and end points lie in a plane, so the point is unobservable along its normal ({normal})",
-            "ends", "add end points in front of and behind that plane",
-        )  # fmt: skip
+            "ends",
+            "add end points in front of and behind that plane",
+        )

@@ -116,9 +116,10 @@ def _increments(sequence: np.ndarray) -> np.ndarray:
 def _divided(sequence: np.ndarray, by: np.ndarray, name: str) -> np.ndarray:
     if (np.asarray(by) == 0).any():
         raise TestfieldError(
-            f"a sequence cannot be divided by its {name}, which is zero", "grey relational degree",
+            f"a sequence cannot be divided by its {name}, which is zero",
+            "grey relational degree",
             "choose another scaling, or leave the factor out",
-        )  # fmt: skip
+        )
     return np.asarray(sequence, float) / by
 
 
@@ -127,8 +128,9 @@ def _checked(reference: np.ndarray, factors: np.ndarray, least: int) -> tuple[np
     if x0.ndim < 1 or x.ndim != x0.ndim + 1 or x.shape[:-2] != x0.shape[:-1] or x.shape[-1] != x0.shape[-1]:
         raise TestfieldError(
             f"a reference of shape {x0.shape} and factors of shape {x.shape} do not belong together",
-            "grey relational degree", "give (..., n) and (..., m, n)",
-        )  # fmt: skip
+            "grey relational degree",
+            "give (..., n) and (..., m, n)",
+        )
     if x0.shape[-1] < least:
         raise TestfieldError(
             f"sequences of {x0.shape[-1]} value(s) are too short", "grey relational degree", f"give {least} or more"

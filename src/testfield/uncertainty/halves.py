@@ -148,14 +148,15 @@ def _points_apart(a: Points, b: Points) -> tuple[float, float, float] | None:
     scale = float((p * (q @ R.T)).sum() / (q**2).sum())
     turn = scale * np.kron(np.eye(len(codes)), R)
     covariance = a.covariance_of(rows_a) + turn @ b.covariance_of(rows_b) @ turn.T
-    similarity = np.concatenate(
-        [np.tile(np.eye(3), (len(p), 1, 1)), -cross_matrix(p), p[:, :, None]], axis=2
-    ).reshape(-1, 7)  # fmt: skip
+    similarity = np.concatenate([np.tile(np.eye(3), (len(p), 1, 1)), -cross_matrix(p), p[:, :, None]], axis=2).reshape(
+        -1, 7
+    )
     S = np.eye(len(covariance)) - similarity @ np.linalg.pinv(similarity)
     error, covariance = S @ (p - scale * q @ R.T).ravel(), S @ covariance @ S.T
     z = decorrelated(error, covariance)
     freedom = len(error) - 7
     return (
-        float(np.sqrt((error**2).sum() / freedom)), float(np.sqrt(np.trace(covariance) / freedom)),
+        float(np.sqrt((error**2).sum() / freedom)),
+        float(np.sqrt(np.trace(covariance) / freedom)),
         float(np.sqrt((z**2).mean())),
-    )  # fmt: skip
+    )

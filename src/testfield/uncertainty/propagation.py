@@ -23,9 +23,10 @@ class Lengths:
             for code in pair:
                 if code not in known:
                     raise TestfieldError(
-                        f"target {code} of length '{name}' was not reconstructed", "points.parquet",
+                        f"target {code} of length '{name}' was not reconstructed",
+                        "points.parquet",
                         "choose two of its codes",
-                    )  # fmt: skip
+                    )
         ends = np.array([points.rows(list(pair)) for pair in pairs.values()], int).reshape(-1, 2)
         return Lengths(tuple(pairs), ends)
 

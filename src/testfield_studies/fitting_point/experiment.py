@@ -29,8 +29,10 @@ from testfield.uncertainty.fitting_point import Weights, fit_point, without_corr
 SCENE = Path("scenes/fitting_point.toml")
 WORK = f"{__name__}:measure"
 VERTEX = 200
-LAYOUTS = {"symmetric": (211, 212, 213, 214, 215, 216, 221, 222, 223, 224, 225, 226),
-           "one-sided": (211, 212, 213, 214, 215, 216)}  # fmt: skip
+LAYOUTS = {
+    "symmetric": (211, 212, 213, 214, 215, 216, 221, 222, 223, 224, 225, 226),
+    "one-sided": (211, 212, 213, 214, 215, 216),
+}
 ALL = LAYOUTS["symmetric"]
 U_LENGTH_MM, U_PRINT_MM, U_SCALE, U_BAR_MM = 0.005, 0.01, 20e-6, 0.005
 SCALE_ERROR = 1e-3
@@ -104,23 +106,35 @@ def fits(
         )
         anees = float(error @ np.linalg.solve(joint, error) / len(error))
         ways: tuple[tuple[str, Weights, np.ndarray], ...] = (
-            ("equal", "equal", joint), ("covariance", "covariance", joint),
+            ("equal", "equal", joint),
+            ("covariance", "covariance", joint),
             ("alone", "covariance", without_correlation(joint)),
-        )  # fmt: skip
+        )
         for way, weights, covariance in ways:
             fit = fit_point(ends, lengths, vertex, covariance, np.full(len(codes), U_LENGTH_MM), weights)
             off = fit.xyz_mm - true[VERTEX]
-            rows.append({
-                "layout": layout, "way": way, "bias_chi2": fit.bias_chi2,
-                "point_chi2": float(off @ np.linalg.solve(fit.cov_mm2, off)), "points_anees": anees,
-                "s0": fit.s0, "s_sys_mm": fit.s_sys_mm, "expected_s_sys_mm": fit.expected_s_sys_mm,
-                "u_radial_mm": float(np.sqrt(np.diag(fit.cov_length_mm2).mean())),
-                "mean_relative_ppm": 1e6 * fit.mean_relative, "u_mean_relative_ppm": 1e6 * fit.u_mean_relative,
-                **_axes("bias", fit.bias_mm), **_axes("u_bias", np.sqrt(np.diag(fit.cov_bias_mm2))),
-                **_axes("off", off), **_axes("u_off", np.sqrt(np.diag(fit.cov_mm2))),
-                **_axes("dispersion", fit.dispersion), **_axes("dop", fit.dop),
-                **_axes("scale_bias", fit.scale_bias_mm(scale_error, lengths)),
-            })  # fmt: skip
+            rows.append(
+                {
+                    "layout": layout,
+                    "way": way,
+                    "bias_chi2": fit.bias_chi2,
+                    "point_chi2": float(off @ np.linalg.solve(fit.cov_mm2, off)),
+                    "points_anees": anees,
+                    "s0": fit.s0,
+                    "s_sys_mm": fit.s_sys_mm,
+                    "expected_s_sys_mm": fit.expected_s_sys_mm,
+                    "u_radial_mm": float(np.sqrt(np.diag(fit.cov_length_mm2).mean())),
+                    "mean_relative_ppm": 1e6 * fit.mean_relative,
+                    "u_mean_relative_ppm": 1e6 * fit.u_mean_relative,
+                    **_axes("bias", fit.bias_mm),
+                    **_axes("u_bias", np.sqrt(np.diag(fit.cov_bias_mm2))),
+                    **_axes("off", off),
+                    **_axes("u_off", np.sqrt(np.diag(fit.cov_mm2))),
+                    **_axes("dispersion", fit.dispersion),
+                    **_axes("dop", fit.dop),
+                    **_axes("scale_bias", fit.scale_bias_mm(scale_error, lengths)),
+                }
+            )
     return rows
 
 
@@ -140,10 +154,11 @@ def sheet(field: Field, scale_error: float) -> Field:
     """What the measuring side is told: nominal values with uncertainties, and the bar's length, right or wrong."""
     blind = scale_error != 0
     return replace(
-        field, u_scale=BLIND_U_SCALE if blind else U_SCALE,
+        field,
+        u_scale=BLIND_U_SCALE if blind else U_SCALE,
         boards=tuple(replace(board, u_xy_mm=U_PRINT_MM) for board in field.boards),
         scale_bars=tuple(
             replace(bar, length_mm=bar.length_mm * (1 + scale_error), u_length_mm=BLIND_U_BAR_MM if blind else U_BAR_MM)
             for bar in field.scale_bars
         ),
-    )  # fmt: skip
+    )

@@ -70,9 +70,13 @@ def draw_claims(axes: Any, data: pd.DataFrame) -> None:
     for k, (layout, way) in enumerate((layout, way) for layout in LAYOUTS for way in ("covariance", "alone")):
         found = of(data, layout, way).set_index("quantity")["actual_over_claimed"].reindex(quantities)
         axes.bar(
-            np.arange(3) + 0.2 * (k - 1.5), found, 0.18, color=ACCENT if way == "covariance" else WARM,
-            alpha=1.0 if layout == "symmetric" else 0.55, label=f"{layout}, {WAYS[way]}",
-        )  # fmt: skip
+            np.arange(3) + 0.2 * (k - 1.5),
+            found,
+            0.18,
+            color=ACCENT if way == "covariance" else WARM,
+            alpha=1.0 if layout == "symmetric" else 0.55,
+            label=f"{layout}, {WAYS[way]}",
+        )
     axes.axhline(1, color=INK, lw=0.8)
     axes.set_xticks(range(3), quantities)
     axes.set_ylabel("actual over claimed variance")

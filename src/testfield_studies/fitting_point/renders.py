@@ -10,8 +10,14 @@ from scipy.stats import chi2, t
 from testfield_studies.fitting_point.experiment import LAYOUTS
 from testfield_studies.fitting_point.tables import AXES, LIMIT, of
 
-RENDERS = ("layout", "seed", "trials", "within", "share",
-           *(f"{what} {axis}, µm" for axis in AXES for what in ("bias", "±")))  # fmt: skip
+RENDERS = (
+    "layout",
+    "seed",
+    "trials",
+    "within",
+    "share",
+    *(f"{what} {axis}, µm" for axis in AXES for what in ("bias", "±")),
+)
 ALIKE = ("layout", "what", "renders", "chi-squared", "degrees of freedom", "p")
 WAY = "covariance"
 

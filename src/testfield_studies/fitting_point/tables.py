@@ -19,18 +19,50 @@ WAYS = {
 }
 AXES = "xyz"
 MEASURED = (
-    "bar", "seed", "trial", "layout", "way", "bias_chi2", "point_chi2", "points_anees", "s_sys_mm", "expected_s_sys_mm",
-    "u_radial_mm", "mean_relative_ppm", "u_mean_relative_ppm",
+    "bar",
+    "seed",
+    "trial",
+    "layout",
+    "way",
+    "bias_chi2",
+    "point_chi2",
+    "points_anees",
+    "s_sys_mm",
+    "expected_s_sys_mm",
+    "u_radial_mm",
+    "mean_relative_ppm",
+    "u_mean_relative_ppm",
     *(f"{name}_{axis}_mm" for name in ("bias", "u_bias", "off", "u_off", "dispersion", "scale_bias") for axis in AXES),
-)  # fmt: skip
+)
 """What is read of a trial's row."""
-HITS = ("layout", "way", "trials", "within", "share", "low", "high", "accepted", "NEES of the bias",
-        "NEES of the fitted point")  # fmt: skip
+HITS = (
+    "layout",
+    "way",
+    "trials",
+    "within",
+    "share",
+    "low",
+    "high",
+    "accepted",
+    "NEES of the bias",
+    "NEES of the fitted point",
+)
 BLOCKS = ("layout", "block", "trials", "beyond", "band_low", "band_high", "band_99_low", "band_99_high")
 SPREAD = (
-    "layout", "way", "dispersion", "fitted point, claimed", "fitted point, actual", "bias, claimed", "bias, actual",
-    "s_sys", "s_sys, predicted", "length, claimed", "mean residual, ppm", "its rms", "its rms, claimed",
-)  # fmt: skip
+    "layout",
+    "way",
+    "dispersion",
+    "fitted point, claimed",
+    "fitted point, actual",
+    "bias, claimed",
+    "bias, actual",
+    "s_sys",
+    "s_sys, predicted",
+    "length, claimed",
+    "mean residual, ppm",
+    "its rms",
+    "its rms, claimed",
+)
 CLAIMS = ("layout", "way", "quantity", "trials", "actual_over_claimed", "low", "high")
 SCALE = (
     "layout",
@@ -63,10 +95,20 @@ def hit_table(right: pd.DataFrame) -> pd.DataFrame:
     for layout, way, found in _groups(right, tuple(WAYS)):
         n, within = len(found), int((found["bias_chi2"] <= LIMIT).sum())
         low, high = hit_band(n, 0.95)
-        rows.append((
-            layout, WAYS[way], n, within, within / n, low, high, low <= within <= high, found["bias_chi2"].mean() / 3,
-            found["point_chi2"].mean() / 3,
-        ))  # fmt: skip
+        rows.append(
+            (
+                layout,
+                WAYS[way],
+                n,
+                within,
+                within / n,
+                low,
+                high,
+                low <= within <= high,
+                found["bias_chi2"].mean() / 3,
+                found["point_chi2"].mean() / 3,
+            )
+        )
     return pd.DataFrame(rows, columns=list(HITS))
 
 
@@ -87,12 +129,17 @@ def spread_table(right: pd.DataFrame) -> pd.DataFrame:
     """Root mean squares in µm of what is claimed and what is; the mean relative residual in ppm."""
     rows = []
     for layout, way, found in _groups(right, tuple(WAYS)):
-        rows.append((
-            layout, WAYS[way], *(_rms_um(found, name) for name in ("dispersion", "u_off", "off", "u_bias", "bias")),
-            *(1e3 * _rms(found[name]) for name in ("s_sys_mm", "expected_s_sys_mm", "u_radial_mm")),
-            float(found["mean_relative_ppm"].mean()), _rms(found["mean_relative_ppm"]),
-            _rms(found["u_mean_relative_ppm"]),
-        ))  # fmt: skip
+        rows.append(
+            (
+                layout,
+                WAYS[way],
+                *(_rms_um(found, name) for name in ("dispersion", "u_off", "off", "u_bias", "bias")),
+                *(1e3 * _rms(found[name]) for name in ("s_sys_mm", "expected_s_sys_mm", "u_radial_mm")),
+                float(found["mean_relative_ppm"].mean()),
+                _rms(found["mean_relative_ppm"]),
+                _rms(found["u_mean_relative_ppm"]),
+            )
+        )
     return pd.DataFrame(rows, columns=list(SPREAD))
 
 
@@ -102,8 +149,10 @@ def claims_table(right: pd.DataFrame) -> pd.DataFrame:
     for layout, way, found in _groups(right, ("covariance", "alone")):
         z = found["mean_relative_ppm"] / found["u_mean_relative_ppm"]
         for quantity, ratio in (
-            ("fitted point", found["point_chi2"] / 3), ("bias", found["bias_chi2"] / 3), ("mean residual", z**2)
-        ):  # fmt: skip
+            ("fitted point", found["point_chi2"] / 3),
+            ("bias", found["bias_chi2"] / 3),
+            ("mean residual", z**2),
+        ):
             rows.append((layout, way, quantity, len(found), float(ratio.mean()), *interval(ratio)))
     return pd.DataFrame(rows, columns=list(CLAIMS))
 
@@ -117,10 +166,19 @@ def scale_table(wrong: pd.DataFrame) -> pd.DataFrame:
             for name in ("bias", "scale_bias")
         )
         z, flags = found["mean_relative_ppm"] / found["u_mean_relative_ppm"], found["bias_chi2"] > LIMIT
-        rows.append((
-            layout, WAYS[way], len(found), bias, predicted, float(flags.mean()), int(flags.sum()),
-            float(found["mean_relative_ppm"].mean()), float((z.abs() > 1.96).mean()),
-        ))  # fmt: skip
+        rows.append(
+            (
+                layout,
+                WAYS[way],
+                len(found),
+                bias,
+                predicted,
+                float(flags.mean()),
+                int(flags.sum()),
+                float(found["mean_relative_ppm"].mean()),
+                float((z.abs() > 1.96).mean()),
+            )
+        )
     return pd.DataFrame(rows, columns=list(SCALE))
 
 

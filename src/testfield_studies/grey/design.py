@@ -129,15 +129,19 @@ def _summary(found: Design) -> pd.DataFrame:
         above = dummy_above(found.again[name], found.acting)
         low, high = np.nanquantile(found.taus[name], [0.025, 0.975])
         own = name == ANOVA  # of a method against itself there is nothing to say
-        rows.append({
-            "method": name, "tau": 1.0 if own else float(agreement(score[name][None], score[ANOVA])[0]),
-            "low": 1.0 if own else float(low), "high": 1.0 if own else float(high),
-            "tau with total Sobol": float(agreement(score[name][None], score[TOTAL])[0]),
-            "of the first factors, found": f"{len(first & _first(score[name], len(first)))} of {len(first)}",
-            "dummy's rank": int(places(score[name])[NAMES.index(DUMMY)]),
-            "dummy above an acting factor": float((above > 0).mean()),
-            "acting factors below the dummy": float(above.mean()),
-        })  # fmt: skip
+        rows.append(
+            {
+                "method": name,
+                "tau": 1.0 if own else float(agreement(score[name][None], score[ANOVA])[0]),
+                "low": 1.0 if own else float(low),
+                "high": 1.0 if own else float(high),
+                "tau with total Sobol": float(agreement(score[name][None], score[TOTAL])[0]),
+                "of the first factors, found": f"{len(first & _first(score[name], len(first)))} of {len(first)}",
+                "dummy's rank": int(places(score[name])[NAMES.index(DUMMY)]),
+                "dummy above an acting factor": float((above > 0).mean()),
+                "acting factors below the dummy": float(above.mean()),
+            }
+        )
     return pd.DataFrame(rows)
 
 
@@ -160,9 +164,11 @@ def _orders(found: Design) -> pd.DataFrame:
         here, there = degrees(name, found.runs), in_other_orders(found.runs, name, ORDERS)
         dummy = places(there)[:, NAMES.index(DUMMY)]
         row = {
-            "degree": name, "tau, median": float(np.median(agreement(there, here))),
-            "dummy's rank, least": int(dummy.min()), "dummy's rank, most": int(dummy.max()),
-        }  # fmt: skip
+            "degree": name,
+            "tau, median": float(np.median(agreement(there, here))),
+            "dummy's rank, least": int(dummy.min()),
+            "dummy's rank, most": int(dummy.max()),
+        }
         if found.acting.any():
             row["dummy above an acting factor"] = float((dummy_above(there, found.acting) > 0).mean())
         rows.append(row)

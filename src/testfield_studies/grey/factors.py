@@ -65,38 +65,73 @@ def levels_of(unit: np.ndarray) -> dict[str, float]:
 def scene_of(levels: dict[str, float]) -> dict[str, Any]:
     """The scene with some levels, as a plain table. Image noise and the dummy change nothing in it."""
     diameter, share = levels["target diameter, mm"], levels["light from one side, share"]
-    lights = [] if share == 0 else [{
-        "kind": "area", "size_mm": [300, 300], "position_mm": [-1000, -700, 700], "normal": [1, 0.7, 0],
-        "radiance_w_m2_sr": 8.8 * share,
-    }]  # fmt: skip
+    lights = (
+        []
+        if share == 0
+        else [
+            {
+                "kind": "area",
+                "size_mm": [300, 300],
+                "position_mm": [-1000, -700, 700],
+                "normal": [1, 0.7, 0],
+                "radiance_w_m2_sr": 8.8 * share,
+            }
+        ]
+    )
     return {
         "name": "grey",
         "seed": 3,
         "u_print_scale_ppm": 0.0,
         "volume": {"size_mm": [900, 300, 700]},
         "camera": {
-            "width_px": 800, "height_px": 640, "pixel_pitch_um": 4.8, "focal_length_mm": 6.5, "f_number": 5.6,
-            "psf_sigma_px": levels["blur, px"], "k1": -1e-3 * levels["radial distortion, 1e-3"],
+            "width_px": 800,
+            "height_px": 640,
+            "pixel_pitch_um": 4.8,
+            "focal_length_mm": 6.5,
+            "f_number": 5.6,
+            "psf_sigma_px": levels["blur, px"],
+            "k1": -1e-3 * levels["radial distortion, 1e-3"],
             "p1": 1e-4 * levels["tangential distortion, 1e-4"],
         },
         "sensor": {"full_well_e": 104000, "gain_e_per_dn": 26, "read_noise_e": 20.0},
         "exposure": {"time_ms": 80.0},
         "room": {"ambient_w_m2_sr": 1.1 * (1 - share), "lights": lights},
-        "boards": [{
-            "name": "A", "size_mm": [640, 460], "position_mm": [0, 60, 600], "normal": [0, -1, 0],
-            "bow_mm": 1e-3 * levels["bow of the board, um"], "print_sigma_mm": 0.0,
-            "extension_zone": {
-                "columns": 5, "rows": 4, "pitch_mm": 90, "diameter_mm": diameter, "centre_mm": [100, 0],
-            },
-            "recognition_zone": {
-                "columns": 2, "rows": 3, "pitch_mm": 120, "diameter_mm": diameter, "centre_mm": [-205, 0],
-                "first_code": 1,
-            },
-        }],
-        "scale_bars": [{
-            "name": "bar", "role": "control", "length_mm": levels["scale bar, mm"], "u_length_mm": 0.0,
-            "codes": [101, 102], "diameter_mm": diameter, "position_mm": [0, -150, 265],
-        }],
+        "boards": [
+            {
+                "name": "A",
+                "size_mm": [640, 460],
+                "position_mm": [0, 60, 600],
+                "normal": [0, -1, 0],
+                "bow_mm": 1e-3 * levels["bow of the board, um"],
+                "print_sigma_mm": 0.0,
+                "extension_zone": {
+                    "columns": 5,
+                    "rows": 4,
+                    "pitch_mm": 90,
+                    "diameter_mm": diameter,
+                    "centre_mm": [100, 0],
+                },
+                "recognition_zone": {
+                    "columns": 2,
+                    "rows": 3,
+                    "pitch_mm": 120,
+                    "diameter_mm": diameter,
+                    "centre_mm": [-205, 0],
+                    "first_code": 1,
+                },
+            }
+        ],
+        "scale_bars": [
+            {
+                "name": "bar",
+                "role": "control",
+                "length_mm": levels["scale bar, mm"],
+                "u_length_mm": 0.0,
+                "codes": [101, 102],
+                "diameter_mm": diameter,
+                "position_mm": [0, -150, 265],
+            }
+        ],
         "check_targets": [
             {"generator": "single", "code": 201 + k, "position_mm": list(place), "diameter_mm": diameter}
             for k, place in enumerate(CHECK_MM)
@@ -106,13 +141,21 @@ def scene_of(levels: dict[str, float]) -> dict[str, Any]:
         ),
         "render": {"cells": 2, "light_paths": 256, "light_spacing_mm": 200},
         "measure": {"hold": ["k1", "k2", "k3", "p1", "p2"], "smallest_diameter_px": 4.0},
-    }  # fmt: skip
+    }
 
 
 CHECK_MM = (
-    (-280, -120, 865), (-140, -90, 870), (0, -80, 865), (140, -100, 870), (280, -130, 865),
-    (-280, 30, 385), (-140, 0, 380), (0, -20, 385), (140, -10, 380), (280, 20, 385),
-)  # fmt: skip
+    (-280, -120, 865),
+    (-140, -90, 870),
+    (0, -80, 865),
+    (140, -100, 870),
+    (280, -130, 865),
+    (-280, 30, 385),
+    (-140, 0, 380),
+    (0, -20, 385),
+    (140, -10, 380),
+    (280, 20, 385),
+)
 MIDDLE_MM = (0.0, 0.0, 577.0)
 
 
@@ -126,8 +169,12 @@ def _stations(count: int, half: float, distance_mm: float) -> list[dict[str, Any
             -math.cos(elevation) * math.cos(azimuth),
             math.sin(elevation),
         )
-        found.append({
-            "generator": "single", "look_at_mm": list(MIDDLE_MM), "roll_deg": [90 * (k % 4)],
-            "position_mm": [round(m + distance_mm * o, 6) for m, o in zip(MIDDLE_MM, off, strict=True)],
-        })  # fmt: skip
+        found.append(
+            {
+                "generator": "single",
+                "look_at_mm": list(MIDDLE_MM),
+                "roll_deg": [90 * (k % 4)],
+                "position_mm": [round(m + distance_mm * o, 6) for m, o in zip(MIDDLE_MM, off, strict=True)],
+            }
+        )
     return found

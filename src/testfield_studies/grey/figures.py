@@ -32,8 +32,16 @@ def draw_ranks(ax: Any, data: pd.DataFrame) -> None:
     ax.imshow(-wide.to_numpy(), cmap="Blues", aspect="auto", vmin=-len(NAMES) - 2, vmax=2)
     for i, row in enumerate(wide.to_numpy()):
         for j, rank in enumerate(row):
-            ax.text(j, i, str(rank), ha="center", va="center", fontsize=7.5, color="white" if rank <= 4 else INK,
-                    fontweight="bold" if wide.index[i] == DUMMY else "normal")  # fmt: skip
+            ax.text(
+                j,
+                i,
+                str(rank),
+                ha="center",
+                va="center",
+                fontsize=7.5,
+                color="white" if rank <= 4 else INK,
+                fontweight="bold" if wide.index[i] == DUMMY else "normal",
+            )
     ax.set_xticks(range(len(METHODS)), list(METHODS), rotation=35, ha="right", rotation_mode="anchor")
     ax.set_yticks(range(len(wide)), wide.index)
     for label in ax.get_yticklabels():
@@ -85,11 +93,24 @@ def draw_bias(axes: Any, data: pd.DataFrame) -> None:
             real = law not in LAWS
             colour = FAINT if not real else ACCENT if "forward" in law else WARM
             style = "--" if law.startswith("one image") else "-"
-            ax.plot(own["n"], own["mean_ratio"], color=colour, ls=style, lw=1.4 if real else 1.0,
-                    label=law if real else None)  # fmt: skip
+            ax.plot(
+                own["n"],
+                own["mean_ratio"],
+                color=colour,
+                ls=style,
+                lw=1.4 if real else 1.0,
+                label=law if real else None,
+            )
             if not real and estimator == SUP:
-                ax.annotate(law, (own["n"].iloc[-1], own["mean_ratio"].iloc[-1]), xytext=(2, 0), fontsize=6,
-                            textcoords="offset points", va="center", color="#5f717d")  # fmt: skip
+                ax.annotate(
+                    law,
+                    (own["n"].iloc[-1], own["mean_ratio"].iloc[-1]),
+                    xytext=(2, 0),
+                    fontsize=6,
+                    textcoords="offset points",
+                    va="center",
+                    color="#5f717d",
+                )
         ax.set(title=estimator, xscale="log", xlabel="values in a sample", xlim=(2.8, 50), ylim=(0.7, 1.15))
         _size_ticks(ax)
     axes[0].set_ylabel("estimate / sigma")

@@ -36,8 +36,9 @@ def cases(quick: bool) -> list[Case]:
 
 def laws(count: int) -> list[Case]:
     """Samples of laws by name."""
-    return [Case({"part": "law", "law": law}, f"{SAMPLES}:sample_law", options={"law": law, "count": count})
-            for law in LAWS]  # fmt: skip
+    return [
+        Case({"part": "law", "law": law}, f"{SAMPLES}:sample_law", options={"law": law, "count": count}) for law in LAWS
+    ]
 
 
 def exposures(count: int, block: int = 20) -> list[Case]:
@@ -60,10 +61,16 @@ def design(base_rows: int) -> list[dict[str, Any]]:
     unit = sample(problem(), base_rows, calc_second_order=False, seed=6)
     blocks = ["A", *NAMES, "B"]
     return [
-        {"run": f"design {k}", "repeat": 0, "set": "design", "base": k // len(blocks), "block": blocks[k % len(blocks)],
-         "unit": row}
+        {
+            "run": f"design {k}",
+            "repeat": 0,
+            "set": "design",
+            "base": k // len(blocks),
+            "block": blocks[k % len(blocks)],
+            "unit": row,
+        }
         for k, row in enumerate(unit.tolist())
-    ]  # fmt: skip
+    ]
 
 
 def sweep(levels: int, repeats: int) -> list[dict[str, Any]]:

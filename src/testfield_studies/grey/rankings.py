@@ -254,10 +254,14 @@ def dummy_with_offset(runs: Runs, acting: np.ndarray, offsets: tuple[float, ...]
     for offset in offsets:
         here = found(runs, offset)
         above = [dummy_above(found(again, offset), acting) > 0 for again in drawn_anew(runs, count)]
-        rows.append({
-            "levels of the dummy": f"{offset:g} to {offset + 1:g}", "degree": here[dummy],
-            "rank": int(places(here)[dummy]), "above an acting factor": float(np.mean(above)),
-        })  # fmt: skip
+        rows.append(
+            {
+                "levels of the dummy": f"{offset:g} to {offset + 1:g}",
+                "degree": here[dummy],
+                "rank": int(places(here)[dummy]),
+                "above an acting factor": float(np.mean(above)),
+            }
+        )
     return pd.DataFrame(rows)
 
 
@@ -268,8 +272,12 @@ def turned_round(runs: Runs) -> pd.DataFrame:
         other = runs.unit.copy()
         other[:, k] = 1 - other[:, k]
         turned = replace(runs, unit=other)
-        rows.append({"factor": name} | {
-            f"{degree}{end}": degrees(degree, some, oriented=False)[k]
-            for degree in ("Deng", "T-type") for end, some in (("", runs), (", turned round", turned))
-        })  # fmt: skip
+        rows.append(
+            {"factor": name}
+            | {
+                f"{degree}{end}": degrees(degree, some, oriented=False)[k]
+                for degree in ("Deng", "T-type")
+                for end, some in (("", runs), (", turned round", turned))
+            }
+        )
     return pd.DataFrame(rows)

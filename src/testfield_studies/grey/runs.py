@@ -32,8 +32,15 @@ def expose_again(case: Case, run: Run | None) -> list[dict[str, Any]]:
         found = reexposed(run, seed_of(run.scene.seed, f"grey exposure/{number}"))
         score = score_detection(run.world, run.views, found)
         for station, mark, (x, y) in zip(score.station, score.mark, score.error_px, strict=True):
-            rows.append({"exposure": number, "station": int(station), "mark": int(mark),
-                         "error_x_px": float(x), "error_y_px": float(y)})  # fmt: skip
+            rows.append(
+                {
+                    "exposure": number,
+                    "station": int(station),
+                    "mark": int(mark),
+                    "error_x_px": float(x),
+                    "error_y_px": float(y),
+                }
+            )
     return rows
 
 

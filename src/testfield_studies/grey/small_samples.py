@@ -128,9 +128,10 @@ def shape(groups: list[np.ndarray]) -> tuple[float, float, float]:
     values = np.array([group for group in groups if group.std() > 0])
     gap = sup_norm_uncertainty(values) / values.std(axis=1)
     return (
-        float(skew(values, axis=1, bias=False).mean()), float(kurtosis(values, axis=1, bias=False).mean()),
+        float(skew(values, axis=1, bias=False).mean()),
+        float(kurtosis(values, axis=1, bias=False).mean()),
         float(gap.mean()),
-    )  # fmt: skip
+    )
 
 
 def _described(name: str, errors: np.ndarray, judged: Judged, count: int) -> list[dict[str, Any]]:
@@ -147,13 +148,24 @@ def _described(name: str, errors: np.ndarray, judged: Judged, count: int) -> lis
         pooled = population_draw([group for some in alike[:POOLED] for group in some[kind]])
         normal = Judged(pd.DataFrame(judge(f"normal like {law}", pooled, n, count)))
         row: dict[str, Any] = {
-            "errors": law, "kind": kind, "populations": len(groups), "values in each": len(groups[0]),
-            "scatter": scatter, "bias": bias, "bias over scatter": bias / scatter,
+            "errors": law,
+            "kind": kind,
+            "populations": len(groups),
+            "values in each": len(groups[0]),
+            "scatter": scatter,
+            "bias": bias,
+            "bias over scatter": bias / scatter,
             # Of dots without bias, m mean^2 / s^2 is 1 on the mean of k coordinates, with a scatter of sqrt(2 / k).
-            "bias is seen": bool(m * (bias / scatter) ** 2 > SURE * np.sqrt(2 / k)), "skewness": skewness,
-            "excess kurtosis": excess, "normal kurtosis, low": float(low[1]), "normal kurtosis, high": float(high[1]),
-            "gap of all": gap, "normal gap, low": float(low[2]), "normal gap, high": float(high[2]), "n": n,
-        }  # fmt: skip
+            "bias is seen": bool(m * (bias / scatter) ** 2 > SURE * np.sqrt(2 / k)),
+            "skewness": skewness,
+            "excess kurtosis": excess,
+            "normal kurtosis, low": float(low[1]),
+            "normal kurtosis, high": float(high[1]),
+            "gap of all": gap,
+            "normal gap, low": float(low[2]),
+            "normal gap, high": float(high[2]),
+            "n": n,
+        }
         for key, estimator in (("largest gap", SUP), ("sum of gaps", SUM), ("Bessel", BESSEL)):
             row[key] = judged.of(law, estimator, n)
             row[f"normal {key}"] = normal.of(f"normal like {law}", estimator, n)

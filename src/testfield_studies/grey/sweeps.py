@@ -31,8 +31,14 @@ def sweep_table(sweep: pd.DataFrame) -> pd.DataFrame:
         errors.append(np.sqrt(np.exp(2 * log).mean(axis=1)))
         levels.append(sequences(unit)[k])
         u = float(np.sqrt(within / square))
-        rows.append({"factor": name, "change of ln RMSE": float(place @ log.sum(axis=1) / square), "u": u,
-                     "u95": u * float(t.ppf(0.975, free)) if free else np.nan})  # fmt: skip
+        rows.append(
+            {
+                "factor": name,
+                "change of ln RMSE": float(place @ log.sum(axis=1) / square),
+                "u": u,
+                "u95": u * float(t.ppf(0.975, free)) if free else np.nan,
+            }
+        )
     table = pd.DataFrame(rows)
     y, x = relations.mean_image(np.array(errors)), relations.mean_image(np.array(levels))
     table["Deng"] = relations.deng(np.zeros(y.shape[1]), x - y)

@@ -157,12 +157,22 @@ def _judged(scene: SceneFile, world: World, observations: Observations, method: 
         return empty | {"failed": error.what}
     camera, boards = score_camera(world, calibration), score_boards(world, calibration)
     corners = np.array(camera["corner_errors_px"])
-    row = empty | {
-        "corner_px": float(corners.max()), "corner_rms_px": float(np.sqrt((corners**2).mean())),
-        "interior_nees": camera["interior_anees"], "sigma0": calibration.sigma0, "test_passed": _passed(calibration),
-        "observations": calibration.used, "rejected": len(calibration.rejected),
-        "coverage": coverage(calibration), "joined": boards["joined"], "boards_nees": boards["anees"],
-    } | mother_scores(world, calibration)  # fmt: skip
+    row = (
+        empty
+        | {
+            "corner_px": float(corners.max()),
+            "corner_rms_px": float(np.sqrt((corners**2).mean())),
+            "interior_nees": camera["interior_anees"],
+            "sigma0": calibration.sigma0,
+            "test_passed": _passed(calibration),
+            "observations": calibration.used,
+            "rejected": len(calibration.rejected),
+            "coverage": coverage(calibration),
+            "joined": boards["joined"],
+            "boards_nees": boards["anees"],
+        }
+        | mother_scores(world, calibration)
+    )
     if not scene.check_targets:
         return row
     try:
@@ -172,10 +182,12 @@ def _judged(scene: SceneFile, world: World, observations: Observations, method: 
     score = score_points(world, calibration, points)
     n = len(score.code)
     return row | {
-        "check_points": n, "check_nees": score.anees, "check_expected": score.expected,
+        "check_points": n,
+        "check_nees": score.anees,
+        "check_expected": score.expected,
         "check_rmse_mm": float(np.sqrt((score.fitted_mm**2).mean())) if n >= 3 else float("nan"),
         "check_unfitted_mm": float(np.sqrt((score.error_mm**2).mean())) if n else float("nan"),
-    }  # fmt: skip
+    }
 
 
 def _passed(calibration: Calibration) -> bool:
@@ -200,16 +212,19 @@ def _links(scene: SceneFile, world: World, observations: Observations, wide: int
         return [empty | {"failed": "the chain is broken"}]
     found, camera = chain_errors(world, calibration), score_camera(world, calibration)
     common = empty | {
-        "sigma0": calibration.sigma0, "corner_px": camera["corner_error_px"],
+        "sigma0": calibration.sigma0,
+        "corner_px": camera["corner_error_px"],
         "mother_rms_mm": fitted_rms_mm(*mother_marks(world, calibration)),
-    }  # fmt: skip
+    }
     return [
-        common | {
-            "links": k + 1, "nees": float(found.nees[k]),
+        common
+        | {
+            "links": k + 1,
+            "nees": float(found.nees[k]),
             **{f"{axis}_mm": float(found.place_mm[k, i]) for i, axis in enumerate(("along", "out", "up"))},
             **{f"u_{axis}_mm": float(found.u_place_mm[k, i]) for i, axis in enumerate(("along", "out", "up"))},
             **{f"shift_{axis}_mm": float(found.shift_mm[k, i]) for i, axis in enumerate(("out", "up"))},
             **{f"turn_{axis}_rad": float(found.turn_rad[k, i]) for i, axis in enumerate(("out", "up"))},
         }
         for k in range(len(found.nees))
-    ]  # fmt: skip
+    ]

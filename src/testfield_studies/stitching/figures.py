@@ -8,13 +8,21 @@ import pandas as pd
 from testfield.report.style import ACCENT, FAINT, INK, WARM
 
 LOOKS = {
-    "planned": (ACCENT, "o", "-"), "random": (WARM, "s", "-"), "flat": ("#6b8e23", "^", "-"),
-    "full-size": (INK, "D", "--"), "ChArUco, OpenCV": ("#8a4fa3", "v", ":"),
-    "ChArUco, this bundle": ("#c79bd6", "v", ":"), "ChArUco, this bundle, no bar": ("#8a4fa3", "1", ":"),
+    "planned": (ACCENT, "o", "-"),
+    "random": (WARM, "s", "-"),
+    "flat": ("#6b8e23", "^", "-"),
+    "full-size": (INK, "D", "--"),
+    "ChArUco, OpenCV": ("#8a4fa3", "v", ":"),
+    "ChArUco, this bundle": ("#c79bd6", "v", ":"),
+    "ChArUco, this bundle, no bar": ("#8a4fa3", "1", ":"),
     "one of them alone": (FAINT, "x", "-"),
-}  # fmt: skip
-WIDE = {0: ("close views only", WARM, "o"), 1: ("with 1 wide view", FAINT, "s"), 2: ("with 2 wide views", FAINT, "s"),
-        4: ("with 4 wide views", ACCENT, "D")}  # fmt: skip
+}
+WIDE = {
+    0: ("close views only", WARM, "o"),
+    1: ("with 1 wide view", FAINT, "s"),
+    2: ("with 2 wide views", FAINT, "s"),
+    4: ("with 4 wide views", ACCENT, "D"),
+}
 BEYOND = 100.0
 """A lens that errs by more px, or points by more mm, are not shown: nothing was determined."""
 
@@ -29,11 +37,20 @@ def draw_counts(axes: Any, data: pd.DataFrame) -> None:
                 drawn = evidence == "drawn"
                 bars = [rows["median"] - rows["low"], np.minimum(rows["high"], BEYOND) - rows["median"]]
                 axis.errorbar(
-                    rows["boards"] * (1 if drawn else 1.05), rows["median"], bars, color=colour, marker=mark, ms=4,
-                    lw=1 if drawn or ":" in line else 0, ls=line, elinewidth=0.7, mfc=colour if drawn else "white",
-                    label=name if drawn or not len(here[(here["target"] == name) & (here["evidence"] == "drawn")])
+                    rows["boards"] * (1 if drawn else 1.05),
+                    rows["median"],
+                    bars,
+                    color=colour,
+                    marker=mark,
+                    ms=4,
+                    lw=1 if drawn or ":" in line else 0,
+                    ls=line,
+                    elinewidth=0.7,
+                    mfc=colour if drawn else "white",
+                    label=name
+                    if drawn or not len(here[(here["target"] == name) & (here["evidence"] == "drawn")])
                     else None,
-                )  # fmt: skip
+                )
         for name, style in (("sub-board, close", "-"), ("charuco, close", ":")):
             rows = here[here["target"] == name]
             if len(rows):
@@ -70,11 +87,17 @@ def _draw_growth(axis: Any, data: pd.DataFrame) -> None:
             drawn = evidence == "drawn"
             bars = [1e3 * (rows["rms_mm"] - rows["low_mm"]), 1e3 * (rows["high_mm"] - rows["rms_mm"])]
             axis.errorbar(
-                rows["links"] + (0 if drawn else 0.12), 1e3 * rows["rms_mm"],
+                rows["links"] + (0 if drawn else 0.12),
+                1e3 * rows["rms_mm"],
                 bars if rows["worlds"].min() >= 3 else None,  # the interval of a single world says nothing
-                color=colour, marker=mark, ms=3.5, lw=0, elinewidth=0.8, mfc=colour if drawn else "white",
+                color=colour,
+                marker=mark,
+                ms=3.5,
+                lw=0,
+                elinewidth=0.8,
+                mfc=colour if drawn else "white",
                 label=name + ("" if drawn else ", rendered"),
-            )  # fmt: skip
+            )
             if drawn:
                 label = "    claimed by the bundle" if wide == 0 else None
                 axis.plot(rows["links"], 1e3 * rows["claimed_mm"], color=colour, lw=1.2, label=label)
@@ -95,11 +118,19 @@ def draw_faults(axes: Any, data: pd.DataFrame) -> None:
                 drawn = evidence == "drawn"
                 bars = [part["median"] - part["low"], part["high"] - part["median"]]
                 axis.errorbar(
-                    part["level"] * (1 if drawn else 1.06), part["median"], bars, color=colour, marker=mark, ms=4,
-                    lw=1 if drawn else 0, elinewidth=0.7, mfc=colour if drawn else "white",
+                    part["level"] * (1 if drawn else 1.06),
+                    part["median"],
+                    bars,
+                    color=colour,
+                    marker=mark,
+                    ms=4,
+                    lw=1 if drawn else 0,
+                    elinewidth=0.7,
+                    mfc=colour if drawn else "white",
                     label={"planned": "six stitched", "full-size": "full-size, same curvature"}.get(str(target))
-                    if drawn else None,
-                )  # fmt: skip
+                    if drawn
+                    else None,
+                )
         axis.set_xscale("log")
         axis.set_yscale("log")
     axes[0].set_xlabel("bow of a sub-board, mm over 400 mm")
@@ -117,9 +148,16 @@ def draw_coverage(axes: Any, data: pd.DataFrame) -> None:
     ):
         rows = cut[(cut["name"] == name) & (cut["evidence"] == "drawn")].sort_values("window")
         axes[0].errorbar(
-            100 * rows["window"], rows["median"], [rows["median"] - rows["low"], rows["high"] - rows["median"]],
-            color=colour, marker="o", ms=4, lw=1, elinewidth=0.7, label=label,
-        )  # fmt: skip
+            100 * rows["window"],
+            rows["median"],
+            [rows["median"] - rows["low"], rows["high"] - rows["median"]],
+            color=colour,
+            marker="o",
+            ms=4,
+            lw=1,
+            elinewidth=0.7,
+            label=label,
+        )
     axes[0].set_xlabel("part of the image's sides, %")
     axes[0].set_ylabel("error of the camera at the worst corner, px")
     axes[0].legend(frameon=False, fontsize=7)

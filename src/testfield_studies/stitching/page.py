@@ -38,24 +38,50 @@ def plots_of(counts: pd.DataFrame, links: pd.DataFrame, faults: pd.DataFrame, cu
     short, long = links[links["boards"] == CHAIN], links[links["boards"] == LONG_CHAIN]
     everywhere = counts[counts["quantity"] == "corner_px"].rename(columns={"target": "name"})
     plots = [
-        Plot("stitching_counts", "How many boards, and against whom",
-             "Medians over worlds; bars are the medians' 95 % intervals (of fewer than six worlds, their range). Lines "
-             "and full marks: pixels drawn at the physical bound. Open marks, and ChArUco: rendered images. "
-             "Horizontal: one board shown all over the image from close by.", counts, draw_counts, (9.6, 4.2), 2),
-        Plot("stitching_chain", "How errors grow along a chain",
-             f"Boards of a row {PITCH_MM:.0f} mm apart; bars are 95 % intervals of the rms. The law takes the scatter "
-             "of links from the same worlds and knows nothing of the boards' print errors.",
-             short, draw_chain, (9.6, 7.2), 2, 2),
-        Plot("stitching_faults", "Bent boards, and boards with a scale of their own",
-             "Six planned boards, whose sheets know nothing of it. The full-size board is bent with the same "
-             "curvature, so its bow is 25 times as large. Open marks: rendered "
-             "images.", faults, draw_faults, (9.6, 3.8), 2),
-        Plot("stitching_coverage", "How much of the image must be covered",
-             "Left: twelve planned boards, observations outside the middle of the image left out, against as many "
-             "drawn from all over it. Right: every field of the study, drawn pixels.",
-             pd.concat([cuts.assign(what="cut"), everywhere[everywhere["evidence"] == "drawn"].assign(what="field")]),
-             draw_coverage, (9.6, 3.8), 2),
-    ]  # fmt: skip
+        Plot(
+            "stitching_counts",
+            "How many boards, and against whom",
+            "Medians over worlds; bars are the medians' 95 % intervals (of fewer than six worlds, their range). Lines "
+            "and full marks: pixels drawn at the physical bound. Open marks, and ChArUco: rendered images. "
+            "Horizontal: one board shown all over the image from close by.",
+            counts,
+            draw_counts,
+            (9.6, 4.2),
+            2,
+        ),
+        Plot(
+            "stitching_chain",
+            "How errors grow along a chain",
+            f"Boards of a row {PITCH_MM:.0f} mm apart; bars are 95 % intervals of the rms. The law takes the scatter "
+            "of links from the same worlds and knows nothing of the boards' print errors.",
+            short,
+            draw_chain,
+            (9.6, 7.2),
+            2,
+            2,
+        ),
+        Plot(
+            "stitching_faults",
+            "Bent boards, and boards with a scale of their own",
+            "Six planned boards, whose sheets know nothing of it. The full-size board is bent with the same "
+            "curvature, so its bow is 25 times as large. Open marks: rendered "
+            "images.",
+            faults,
+            draw_faults,
+            (9.6, 3.8),
+            2,
+        ),
+        Plot(
+            "stitching_coverage",
+            "How much of the image must be covered",
+            "Left: twelve planned boards, observations outside the middle of the image left out, against as many "
+            "drawn from all over it. Right: every field of the study, drawn pixels.",
+            pd.concat([cuts.assign(what="cut"), everywhere[everywhere["evidence"] == "drawn"].assign(what="field")]),
+            draw_coverage,
+            (9.6, 3.8),
+            2,
+        ),
+    ]
     if len(long):
         title, caption = f"The same with {LONG_CHAIN} boards", "As above; drawn pixels only."
         plots.insert(2, Plot("stitching_long_chain", title, caption, long, draw_chain, (9.6, 7.2), 2, 2))

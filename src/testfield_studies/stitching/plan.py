@@ -31,10 +31,16 @@ def cases(quick: bool) -> list[Case]:
 def _counts(quick: bool) -> list[Case]:
     """How many boards, how placed, and how much of the image they cover."""
     found = []
-    plan = {"planned": (1, 3, 12), "flat": (3,), "random": (3,)} if quick else {
-        "planned": (1, 2, 3, 4, 6, 9, 12), "flat": (3, 6, 12), "random": (3, 6, 12)}  # fmt: skip
-    rendered = [("planned", 3), ("planned", 12)] if quick else [
-        *(("planned", n) for n in (1, 3, 6, 12)), *product(("flat", "random"), (3, 12))]  # fmt: skip
+    plan = (
+        {"planned": (1, 3, 12), "flat": (3,), "random": (3,)}
+        if quick
+        else {"planned": (1, 2, 3, 4, 6, 9, 12), "flat": (3, 6, 12), "random": (3, 6, 12)}
+    )
+    rendered = (
+        [("planned", 3), ("planned", 12)]
+        if quick
+        else [*(("planned", n) for n in (1, 3, 6, 12)), *product(("flat", "random"), (3, 12))]
+    )
     for placement, counts in plan.items():
         for count in counts:
             labels = {"experiment": "count", "target": placement, "boards": count, "level": 0.0}
@@ -125,9 +131,13 @@ def _rendered(
 
 
 def _drawn(
-    labels: Row, worlds: int, methods: list[str], scene: tuple, values: Row | None = None,
+    labels: Row,
+    worlds: int,
+    methods: list[str],
+    scene: tuple,
+    values: Row | None = None,
     windows: tuple[float, ...] = (),
-) -> list[Case]:  # fmt: skip
+) -> list[Case]:
     found = []
     for first in range(0, worlds, PER_CASE):
         seeds = list(range(1001 + first, 1001 + min(first + PER_CASE, worlds)))

@@ -97,13 +97,27 @@ def full(count: int, seed: int, bow_mm: float = 0.0) -> Table:
     (columns, rows), (across, down) = FULL[count]
     pitch = min(1520 / (across - 1), 1160 / (down - 1))
     board = {
-        "name": "full", "size_mm": [WIDTH_MM, HEIGHT_MM], "position_mm": [*MIDDLE_MM], "normal": [0.05, -1.0, 0.08],
+        "name": "full",
+        "size_mm": [WIDTH_MM, HEIGHT_MM],
+        "position_mm": [*MIDDLE_MM],
+        "normal": [0.05, -1.0, 0.08],
         "print_sigma_mm": 0.0,
-        "recognition_zone": {"columns": columns, "rows": rows, "pitch_mm": 1100 / (rows - 1) if rows > 3 else 250.0,
-                             "diameter_mm": 22, "centre_mm": [-800.0, 0.0], "first_code": 1},
-        "extension_zone": {"columns": across, "rows": down, "pitch_mm": pitch, "diameter_mm": 14,
-                           "centre_mm": [200.0, 0.0]},
-    }  # fmt: skip
+        "recognition_zone": {
+            "columns": columns,
+            "rows": rows,
+            "pitch_mm": 1100 / (rows - 1) if rows > 3 else 250.0,
+            "diameter_mm": 22,
+            "centre_mm": [-800.0, 0.0],
+            "first_code": 1,
+        },
+        "extension_zone": {
+            "columns": across,
+            "rows": down,
+            "pitch_mm": pitch,
+            "diameter_mm": 14,
+            "centre_mm": [200.0, 0.0],
+        },
+    }
     if rows > 3:
         zone = board["recognition_zone"]
         zone["pitch_mm"] = min(zone["pitch_mm"], 150.0)  # type: ignore[index]
@@ -136,8 +150,13 @@ def close(board: str, seed: int) -> Table:
         away = 640 if k % 4 in (0, 2) else 760
         towards = np.array([np.sin(azimuth) * np.cos(rise), -np.cos(azimuth) * np.cos(rise), np.sin(rise)])
         at = np.array([x0 + x, y0, z0 + z])
-        stations.append({"position_mm": (at + away * towards).tolist(), "look_at_mm": at.tolist(),
-                         "roll_deg": [[0.0, 90.0, 180.0, 270.0][k % 4]]})  # fmt: skip
+        stations.append(
+            {
+                "position_mm": (at + away * towards).tolist(),
+                "look_at_mm": at.tolist(),
+                "roll_deg": [[0.0, 90.0, 180.0, 270.0][k % 4]],
+            }
+        )
     return scene | {"stations": stations, "check_targets": [], "scale_bars": []}
 
 
@@ -165,20 +184,31 @@ def chain(count: int, wide: int, seed: int, print_sigma_mm: float = 0.01) -> Tab
     scene = _scene(f"stitching-chain-{count}", seed, boards)
     length = PITCH_MM * count
     return scene | {
-        "stations": stations, "check_targets": [], "volume": {"size_mm": [length, 600, 600]},
+        "stations": stations,
+        "check_targets": [],
+        "volume": {"size_mm": [length, 600, 600]},
         "scale_bars": [_bar([PITCH_MM / 2, 0.0, 1215.0], 700.0)],
         "room": _room(length + 6000.0, length / 2 - PITCH_MM / 2, length + 1000.0),
-    }  # fmt: skip
+    }
 
 
 def _board(k: int, position: list[float], normal: list[float], spin_deg: float) -> Table:
     return {
-        "name": f"B{k + 1:02d}", "size_mm": [*SIZE_MM], "position_mm": [float(v) for v in position],
-        "normal": [float(v) for v in normal], "spin_deg": spin_deg,
-        "recognition_zone": {"columns": 2, "rows": 3, "pitch_mm": 90, "diameter_mm": 22, "centre_mm": [-115, 0],
-                             "first_code": 1 + 6 * k},
+        "name": f"B{k + 1:02d}",
+        "size_mm": [*SIZE_MM],
+        "position_mm": [float(v) for v in position],
+        "normal": [float(v) for v in normal],
+        "spin_deg": spin_deg,
+        "recognition_zone": {
+            "columns": 2,
+            "rows": 3,
+            "pitch_mm": 90,
+            "diameter_mm": 22,
+            "centre_mm": [-115, 0],
+            "first_code": 1 + 6 * k,
+        },
         "extension_zone": {"columns": 5, "rows": 6, "pitch_mm": 44, "diameter_mm": 14, "centre_mm": [88, 0]},
-    }  # fmt: skip
+    }
 
 
 def sub_board_marks_mm() -> np.ndarray:
@@ -197,11 +227,19 @@ def _charuco(count: int) -> Table:
     rows = round(columns * 0.75)
     square = float(width / columns)
     return {
-        "name": "charuco", "size_mm": [columns * square + 20, rows * square + 20], "position_mm": [*MIDDLE_MM],
+        "name": "charuco",
+        "size_mm": [columns * square + 20, rows * square + 20],
+        "position_mm": [*MIDDLE_MM],
         "normal": [0.05, -1.0, 0.08],
-        "pattern": {"kind": "charuco", "columns": columns, "rows": rows, "square_mm": square,
-                    "marker_mm": 0.76 * square, "dictionary": "DICT_4X4_250" if count < 12 else "DICT_4X4_1000"},
-    }  # fmt: skip
+        "pattern": {
+            "kind": "charuco",
+            "columns": columns,
+            "rows": rows,
+            "square_mm": square,
+            "marker_mm": 0.76 * square,
+            "dictionary": "DICT_4X4_250" if count < 12 else "DICT_4X4_1000",
+        },
+    }
 
 
 def _across(column: int, columns: int, row: int, rows: int, depth: float) -> tuple[float, float, float]:
@@ -213,47 +251,91 @@ def _across(column: int, columns: int, row: int, rows: int, depth: float) -> tup
 def _view(name: str, at: np.ndarray, azimuth_deg: float, rise_deg: float, away_mm: float, roll_deg: float) -> Table:
     azimuth, rise = np.radians([azimuth_deg, rise_deg])
     towards = np.array([np.sin(azimuth) * np.cos(rise), -np.cos(azimuth) * np.cos(rise), np.sin(rise)])
-    return {"name": name, "position_mm": (at + away_mm * towards).tolist(), "look_at_mm": at.tolist(),
-            "roll_deg": [float(roll_deg)]}  # fmt: skip
+    return {
+        "name": name,
+        "position_mm": (at + away_mm * towards).tolist(),
+        "look_at_mm": at.tolist(),
+        "roll_deg": [float(roll_deg)],
+    }
 
 
 def _bar(position: list[float], length: float) -> Table:
-    return {"name": "control bar", "role": "control", "length_mm": length, "u_length_mm": 0.005, "codes": [301, 302],
-            "position_mm": position, "direction": [1, -0.05, 0.02], "normal": [0, -1, -0.1]}  # fmt: skip
+    return {
+        "name": "control bar",
+        "role": "control",
+        "length_mm": length,
+        "u_length_mm": 0.005,
+        "codes": [301, 302],
+        "position_mm": position,
+        "direction": [1, -0.05, 0.02],
+        "normal": [0, -1, -0.1],
+    }
 
 
 def _room(width: float, x: float, lamp: float) -> Table:
     return {
         "ambient_w_m2_sr": 0.6,
         "surfaces": [
-            {"name": "floor", "size_mm": [width, 8000.0], "position_mm": [x, -2500.0, -400.0], "normal": [0, 0, 1],
-             "albedo": 0.3},
+            {
+                "name": "floor",
+                "size_mm": [width, 8000.0],
+                "position_mm": [x, -2500.0, -400.0],
+                "normal": [0, 0, 1],
+                "albedo": 0.3,
+            },
             {"name": "wall", "size_mm": [width, 4000.0], "position_mm": [x, 900.0, 1600.0], "normal": [0, -1, 0]},
         ],
-        "lights": [{"size_mm": [lamp, 1200.0], "position_mm": [x + 300.0, -2200.0, 3600.0],
-                    "normal": [-0.1, 0.7, -1], "radiance_w_m2_sr": 12.0}],
-    }  # fmt: skip
+        "lights": [
+            {
+                "size_mm": [lamp, 1200.0],
+                "position_mm": [x + 300.0, -2200.0, 3600.0],
+                "normal": [-0.1, 0.7, -1],
+                "radiance_w_m2_sr": 12.0,
+            }
+        ],
+    }
 
 
 def _scene(name: str, seed: int, boards: list[Table]) -> Table:
     """A scene with the study's camera, light, ten stations, a control bar and twelve check targets."""
     look = {"look_at_mm": [*MIDDLE_MM], "generator": "arc", "count": 5, "radius_mm": 2350.0}
     return {
-        "name": name, "seed": seed, "u_print_scale_ppm": 30.0, "volume": {"size_mm": [WIDTH_MM, 800.0, HEIGHT_MM]},
-        "camera": {"width_px": 1600, "height_px": 1200, "pixel_pitch_um": 4.5, "focal_length_mm": 8.0,
-                   "principal_point_offset_px": [5.2, -4.1], "aspect": 1.0001, "k1": -0.09, "k2": 0.11, "k3": -0.015,
-                   "p1": 0.0003, "p2": -0.0002, "f_number": 5.6, "psf_sigma_px": 0.6},
+        "name": name,
+        "seed": seed,
+        "u_print_scale_ppm": 30.0,
+        "volume": {"size_mm": [WIDTH_MM, 800.0, HEIGHT_MM]},
+        "camera": {
+            "width_px": 1600,
+            "height_px": 1200,
+            "pixel_pitch_um": 4.5,
+            "focal_length_mm": 8.0,
+            "principal_point_offset_px": [5.2, -4.1],
+            "aspect": 1.0001,
+            "k1": -0.09,
+            "k2": 0.11,
+            "k3": -0.015,
+            "p1": 0.0003,
+            "p2": -0.0002,
+            "f_number": 5.6,
+            "psf_sigma_px": 0.6,
+        },
         "exposure": {"time_ms": 8.0},
         "room": _room(6000.0, 0.0, 1800.0),
         "boards": boards,
         "scale_bars": [_bar([0.0, 60.0, 1545.0], 1200.0)],
         "check_targets": [
-            {"generator": "grid", "first_code": 401, "counts": [3, 2, 2], "low_mm": [-780.0, -520.0, 380.0],
-             "high_mm": [780.0, -220.0, 1320.0], "normal": [0, -1, 0.1]},
+            {
+                "generator": "grid",
+                "first_code": 401,
+                "counts": [3, 2, 2],
+                "low_mm": [-780.0, -520.0, 380.0],
+                "high_mm": [780.0, -220.0, 1320.0],
+                "normal": [0, -1, 0.1],
+            },
         ],
         "stations": [
             look | {"height_mm": 450.0, "azimuth_deg": [-40, 38], "roll_deg": [0, 90, 180, 270]},
             look | {"height_mm": 1500.0, "azimuth_deg": [-36, 42], "roll_deg": [90, 0, 270, 180]},
         ],
         "render": {"light_paths": 512, "light_spacing_mm": 100.0},
-    }  # fmt: skip
+    }

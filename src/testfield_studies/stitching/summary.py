@@ -15,11 +15,36 @@ TARGETS = ("planned", "flat", "random")
 QUANTITIES = ("corner_px", "check_rmse_mm", "mother_rms_mm", "mother_flatness_mm")
 TEXTS = ("experiment", "target", "evidence", "method", "failed", "cut")
 NUMBERS = (
-    "boards", "level", "world", "window", "corner_px", "interior_nees", "sigma0", "test_passed", "observations",
-    "coverage", "boards_nees", "mother_rms_mm", "mother_flatness_mm", "true_flatness_mm", "flat_passed", "check_nees",
-    "check_rmse_mm", "check_unfitted_mm", "wide", "links", "nees", "out_mm", "up_mm", "u_out_mm", "u_up_mm",
-    "shift_out_mm", "shift_up_mm", "turn_out_rad", "turn_up_rad",
-)  # fmt: skip
+    "boards",
+    "level",
+    "world",
+    "window",
+    "corner_px",
+    "interior_nees",
+    "sigma0",
+    "test_passed",
+    "observations",
+    "coverage",
+    "boards_nees",
+    "mother_rms_mm",
+    "mother_flatness_mm",
+    "true_flatness_mm",
+    "flat_passed",
+    "check_nees",
+    "check_rmse_mm",
+    "check_unfitted_mm",
+    "wide",
+    "links",
+    "nees",
+    "out_mm",
+    "up_mm",
+    "u_out_mm",
+    "u_up_mm",
+    "shift_out_mm",
+    "shift_up_mm",
+    "turn_out_rad",
+    "turn_up_rad",
+)
 
 
 def rows_of(table: pd.DataFrame) -> pd.DataFrame:
@@ -36,8 +61,10 @@ def named(fields: pd.DataFrame) -> pd.DataFrame:
     named.loc[alone, "target"] = "one of them alone"
     named.loc[named["target"].isin(TARGETS) & (named["method"] == NO_BAR), "target"] += ", no bar"
     for method, name in (
-        ("opencv", "ChArUco, OpenCV"), ("stitched", "ChArUco, this bundle"), (NO_BAR, "ChArUco, this bundle, no bar"),
-    ):  # fmt: skip
+        ("opencv", "ChArUco, OpenCV"),
+        ("stitched", "ChArUco, this bundle"),
+        (NO_BAR, "ChArUco, this bundle, no bar"),
+    ):
         named.loc[(named["target"] == "charuco") & (named["method"] == method), "target"] = name
     return named
 
@@ -55,14 +82,37 @@ def counts_of(fields: pd.DataFrame) -> pd.DataFrame:
                 {"target": target, "boards": int(boards), "evidence": evidence, "quantity": quantity}
                 | median_of(part[quantity].to_numpy())
                 | {"least": part[quantity].min(), "largest": part[quantity].fillna(np.inf).max()}
-                | {"failed": int((part["failed"] != "").sum()), "coverage": part["coverage"].median(),
-                   "sigma0": part["sigma0"].median(), "interior_nees": part["interior_nees"].mean(),
-                   "boards_nees": part["boards_nees"].mean(), "check_nees": part["check_nees"].mean(),
-                   "true_flatness_mm": part["true_flatness_mm"].median(), "flat_passed": part["flat_passed"].mean()}
-            )  # fmt: skip
-    columns = ["target", "boards", "evidence", "quantity", "worlds", "median", "low", "high", "least", "largest",
-               "failed", "coverage", "sigma0", "interior_nees", "boards_nees", "check_nees", "true_flatness_mm",
-               "flat_passed"]  # fmt: skip
+                | {
+                    "failed": int((part["failed"] != "").sum()),
+                    "coverage": part["coverage"].median(),
+                    "sigma0": part["sigma0"].median(),
+                    "interior_nees": part["interior_nees"].mean(),
+                    "boards_nees": part["boards_nees"].mean(),
+                    "check_nees": part["check_nees"].mean(),
+                    "true_flatness_mm": part["true_flatness_mm"].median(),
+                    "flat_passed": part["flat_passed"].mean(),
+                }
+            )
+    columns = [
+        "target",
+        "boards",
+        "evidence",
+        "quantity",
+        "worlds",
+        "median",
+        "low",
+        "high",
+        "least",
+        "largest",
+        "failed",
+        "coverage",
+        "sigma0",
+        "interior_nees",
+        "boards_nees",
+        "check_nees",
+        "true_flatness_mm",
+        "flat_passed",
+    ]
     return pd.DataFrame(found, columns=columns)
 
 
@@ -70,10 +120,11 @@ def cuts_of(fields: pd.DataFrame) -> pd.DataFrame:
     """Corner errors of calibrations that used a part of the image only."""
     rows = fields[fields["cut"] != ""]
     found = [
-        {"name": cut, "window": window, "evidence": evidence} | median_of(part["corner_px"].to_numpy())
+        {"name": cut, "window": window, "evidence": evidence}
+        | median_of(part["corner_px"].to_numpy())
         | {"observations": part["observations"].median(), "coverage": part["coverage"].median()}
         for (cut, window, evidence), part in rows.groupby(["cut", "window", "evidence"])
-    ]  # fmt: skip
+    ]
     columns = ["name", "window", "evidence", "worlds", "median", "low", "high", "observations", "coverage"]
     return pd.DataFrame(found, columns=columns)
 
@@ -94,14 +145,34 @@ def faults_of(fields: pd.DataFrame) -> pd.DataFrame:
         }
         found.append(
             {"experiment": experiment, "target": target, "level": level, "evidence": evidence}
-            | median_of(part["corner_px"].to_numpy()) | medians
+            | median_of(part["corner_px"].to_numpy())
+            | medians
             | {f"check_{end}": median_of(part["check_rmse_mm"].to_numpy())[end] for end in ("low", "high")}
-            | {"passed": int((part["test_passed"] == 1).sum()), "failed": len(why),
-               "reason": why.value_counts().index[0] if len(why) else ""}
-        )  # fmt: skip
-    columns = ["experiment", "target", "level", "evidence", "worlds", "median", "low", "high", "check_rmse_mm",
-               "check_low", "check_high", "mother_rms_mm", "sigma0", "check_nees", "passed", "failed",
-               "reason"]  # fmt: skip
+            | {
+                "passed": int((part["test_passed"] == 1).sum()),
+                "failed": len(why),
+                "reason": why.value_counts().index[0] if len(why) else "",
+            }
+        )
+    columns = [
+        "experiment",
+        "target",
+        "level",
+        "evidence",
+        "worlds",
+        "median",
+        "low",
+        "high",
+        "check_rmse_mm",
+        "check_low",
+        "check_high",
+        "mother_rms_mm",
+        "sigma0",
+        "check_nees",
+        "passed",
+        "failed",
+        "reason",
+    ]
     return pd.DataFrame(found, columns=columns)
 
 
@@ -118,17 +189,51 @@ def links_of(chains: pd.DataFrame) -> pd.DataFrame:
             for k, here in part.groupby("links"):
                 rms, low, high = rms_of(here[f"{axis}_mm"].to_numpy())
                 found.append(
-                    {"boards": int(boards), "print_mm": sigma, "evidence": evidence, "wide": int(wide), "axis": axis,
-                     "links": int(k), "worlds": len(here), "failed": int((every["failed"] != "").sum()),
-                     "rms_mm": rms, "low_mm": low, "high_mm": high,
-                     "claimed_mm": float(np.sqrt((here[f"u_{axis}_mm"] ** 2).mean())),
-                     "law_mm": float(np.sqrt(grown(k, s, t, PITCH_MM))),
-                     "law_shared_mm": float(np.sqrt(np.maximum(grown(k, s, t, PITCH_MM, shared), 0))),
-                     "shift_mm": s, "turn_mrad": 1e3 * t, "turn_lag": lag[0], "turn_lag_low": lag[1],
-                     "turn_lag_high": lag[2], "nees": here["nees"].mean(),
-                     "mother_rms_mm": float(np.sqrt((here["mother_rms_mm"] ** 2).mean()))}
-                )  # fmt: skip
-    columns = ["boards", "print_mm", "evidence", "wide", "axis", "links", "worlds", "failed", "rms_mm", "low_mm",
-               "high_mm", "claimed_mm", "law_mm", "law_shared_mm", "shift_mm", "turn_mrad", "turn_lag", "turn_lag_low",
-               "turn_lag_high", "nees", "mother_rms_mm"]  # fmt: skip
+                    {
+                        "boards": int(boards),
+                        "print_mm": sigma,
+                        "evidence": evidence,
+                        "wide": int(wide),
+                        "axis": axis,
+                        "links": int(k),
+                        "worlds": len(here),
+                        "failed": int((every["failed"] != "").sum()),
+                        "rms_mm": rms,
+                        "low_mm": low,
+                        "high_mm": high,
+                        "claimed_mm": float(np.sqrt((here[f"u_{axis}_mm"] ** 2).mean())),
+                        "law_mm": float(np.sqrt(grown(k, s, t, PITCH_MM))),
+                        "law_shared_mm": float(np.sqrt(np.maximum(grown(k, s, t, PITCH_MM, shared), 0))),
+                        "shift_mm": s,
+                        "turn_mrad": 1e3 * t,
+                        "turn_lag": lag[0],
+                        "turn_lag_low": lag[1],
+                        "turn_lag_high": lag[2],
+                        "nees": here["nees"].mean(),
+                        "mother_rms_mm": float(np.sqrt((here["mother_rms_mm"] ** 2).mean())),
+                    }
+                )
+    columns = [
+        "boards",
+        "print_mm",
+        "evidence",
+        "wide",
+        "axis",
+        "links",
+        "worlds",
+        "failed",
+        "rms_mm",
+        "low_mm",
+        "high_mm",
+        "claimed_mm",
+        "law_mm",
+        "law_shared_mm",
+        "shift_mm",
+        "turn_mrad",
+        "turn_lag",
+        "turn_lag_low",
+        "turn_lag_high",
+        "nees",
+        "mother_rms_mm",
+    ]
     return pd.DataFrame(found, columns=columns)

@@ -12,14 +12,25 @@ MICROMETRES = ("rms_mm", "low_mm", "high_mm", "claimed_mm", "law_mm", "law_share
 def tables_of(counts: pd.DataFrame, links: pd.DataFrame, faults: pd.DataFrame, cuts: pd.DataFrame) -> list[Table]:
     """All tables that have a row."""
     tables = [
-        Table("All fields", _fields(counts), "Medians [95 % interval, of fewer than six worlds their range]; NEES: "
-              "means per degree of freedom, 1 where the claims are true.", {"coverage %": "{:.0f}", "s0": "{:.3f}"}),
-        Table("The last board of each chain", _last(links), "rms over worlds of its error out of the plane and "
-              "upwards; a world that failed is not among them."),
-        Table("Bent boards and own scales", _faults(faults), "Medians over all worlds, one that failed being beyond "
-              "all; why most of those failed."),
+        Table(
+            "All fields",
+            _fields(counts),
+            "Medians [95 % interval, of fewer than six worlds their range]; NEES: "
+            "means per degree of freedom, 1 where the claims are true.",
+            {"coverage %": "{:.0f}", "s0": "{:.3f}"},
+        ),
+        Table(
+            "The last board of each chain",
+            _last(links),
+            "rms over worlds of its error out of the plane and upwards; a world that failed is not among them.",
+        ),
+        Table(
+            "Bent boards and own scales",
+            _faults(faults),
+            "Medians over all worlds, one that failed being beyond all; why most of those failed.",
+        ),
         Table("Observations confined to a part of the image", _cuts(cuts), "Error at the corners, px."),
-    ]  # fmt: skip
+    ]
     return [table for table in tables if len(table.frame)]
 
 
@@ -27,13 +38,26 @@ def _fields(counts: pd.DataFrame) -> pd.DataFrame:
     rows = []
     for (target, boards, evidence), part in counts.groupby(["target", "boards", "evidence"]):
         first = part.iloc[0]
-        row = {"target": target, "boards": boards, "evidence": evidence, "worlds": first["worlds"],
-               "failed": first["failed"], "coverage %": 100 * first["coverage"]}  # fmt: skip
+        row = {
+            "target": target,
+            "boards": boards,
+            "evidence": evidence,
+            "worlds": first["worlds"],
+            "failed": first["failed"],
+            "coverage %": 100 * first["coverage"],
+        }
         for quantity, title in COLUMNS.items():
             here = part[part["quantity"] == quantity]
             row[title] = interval(*here.iloc[0][["median", "low", "high"]]) if len(here) else "–"
-        rows.append(row | {"s0": first["sigma0"], "NEES camera": first["interior_nees"],
-                           "NEES boards": first["boards_nees"], "NEES check": first["check_nees"]})  # fmt: skip
+        rows.append(
+            row
+            | {
+                "s0": first["sigma0"],
+                "NEES camera": first["interior_nees"],
+                "NEES boards": first["boards_nees"],
+                "NEES check": first["check_nees"],
+            }
+        )
     return pd.DataFrame(rows)
 
 
@@ -47,15 +71,24 @@ def _last(links: pd.DataFrame) -> pd.DataFrame:
 def _faults(faults: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(
         [
-            {"fault": row["experiment"], "level": row["level"], "target": row["target"], "evidence": row["evidence"],
-             "worlds": row["worlds"], "failed": row["failed"],
-             "corner, px": interval(row["median"], row["low"], row["high"]),
-             "check points, mm": interval(row["check_rmse_mm"], row["check_low"], row["check_high"]),
-             "mother board, mm": number(row["mother_rms_mm"]), "s0": number(row["sigma0"]),
-             "NEES check": number(row["check_nees"]), "test passed": row["passed"], "reason": row["reason"] or "–"}
+            {
+                "fault": row["experiment"],
+                "level": row["level"],
+                "target": row["target"],
+                "evidence": row["evidence"],
+                "worlds": row["worlds"],
+                "failed": row["failed"],
+                "corner, px": interval(row["median"], row["low"], row["high"]),
+                "check points, mm": interval(row["check_rmse_mm"], row["check_low"], row["check_high"]),
+                "mother board, mm": number(row["mother_rms_mm"]),
+                "s0": number(row["sigma0"]),
+                "NEES check": number(row["check_nees"]),
+                "test passed": row["passed"],
+                "reason": row["reason"] or "–",
+            }
             for row in faults.to_dict("records")
         ]
-    )  # fmt: skip
+    )
 
 
 def _cuts(cuts: pd.DataFrame) -> pd.DataFrame:

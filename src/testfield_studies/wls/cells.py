@@ -19,9 +19,18 @@ SAME = 0.05
 SEVERAL = 3.0
 """So many cameras the weights must come to (`law_cameras`) before the law of many cameras is held against anything."""
 COLUMNS = (
-    "square_mm2", "claimed_mm2", "frame_mm2", "hits", "nees", "nees_points", "nees_points_frame", "nees_narrow",
-    "law_ranges", "law_noise", "law_cameras",
-)  # fmt: skip
+    "square_mm2",
+    "claimed_mm2",
+    "frame_mm2",
+    "hits",
+    "nees",
+    "nees_points",
+    "nees_points_frame",
+    "nees_narrow",
+    "law_ranges",
+    "law_noise",
+    "law_cameras",
+)
 RATIOS = {
     "rmse_mm": ("square_mm2", "coordinates", 0.5),
     "gain": ("midpoint_mm2", "beside_midpoint_mm2", 0.5),
@@ -108,12 +117,18 @@ def _summands(good: pd.DataFrame) -> pd.DataFrame:
     good = good.reindex(columns=[*good.columns, *(name for name in COLUMNS if name not in good)])
     n = good["points"]
     good = good.assign(
-        coordinates=3 * n, together=good["nees"] * n, single=good["nees_points"] * n,
-        in_frame=good["nees_points_frame"] * n, framed=n.where(good["nees_points_frame"].notna()),
-        narrow=good["nees_narrow"] * n, narrowed=n.where(good["nees_narrow"].notna()),
-        laws_ranges=good["law_ranges"] * n, laws_noise=good["law_noise"] * n, laws_cameras=good["law_cameras"] * n,
+        coordinates=3 * n,
+        together=good["nees"] * n,
+        single=good["nees_points"] * n,
+        in_frame=good["nees_points_frame"] * n,
+        framed=n.where(good["nees_points_frame"].notna()),
+        narrow=good["nees_narrow"] * n,
+        narrowed=n.where(good["nees_narrow"].notna()),
+        laws_ranges=good["law_ranges"] * n,
+        laws_noise=good["law_noise"] * n,
+        laws_cameras=good["law_cameras"] * n,
         counted=n.where(good["law_cameras"].notna()),
-    )  # fmt: skip
+    )
     for method in (OLS, "gls", "ml"):
         theirs = good[good["method"] == method][[*ROW, "square_mm2", "claimed_mm2"]].rename(
             columns={"square_mm2": f"{method}_mm2", "claimed_mm2": f"{method}_claimed_mm2"}

@@ -60,12 +60,15 @@ def cases(quick: bool) -> list[Case]:
     methods = [name for name in METHODS if name != "colmap" or find_spec("pycolmap")]
     return [
         Case(
-            {"ranges": ranges, "noise": noise, "exposure": k}, f"{__name__}:measure",
+            {"ranges": ranges, "noise": noise, "exposure": k},
+            f"{__name__}:measure",
             field_scene(ranges == "spread", max(numbers)),
             {"numbers": list(numbers), "methods": methods} | NOISES[noise] | WORKSHOP,
         )
-        for ranges in ("equal", "spread") for k in range(exposures) for noise in NOISES
-    ]  # fmt: skip
+        for ranges in ("equal", "spread")
+        for k in range(exposures)
+        for noise in NOISES
+    ]
 
 
 def camera_sets(stations: int, numbers: list[int]) -> list[tuple[int, int, slice]]:
@@ -81,10 +84,12 @@ def measure(case: Case, run: Run | None) -> list[dict[str, Any]]:
     options, name = case.options, "/".join(str(value) for value in case.labels.values())
     run_stage(run, "render")
     scene = run.scene
-    exposed = scene.model_copy(update={
-        "exposure": scene.exposure.model_copy(update={"time_ms": options["time_ms"]}),
-        "sensor": scene.sensor.model_copy(update={"read_noise_e": options["read_noise_e"]}),
-    })  # fmt: skip
+    exposed = scene.model_copy(
+        update={
+            "exposure": scene.exposure.model_copy(update={"time_ms": options["time_ms"]}),
+            "sensor": scene.sensor.model_copy(update={"read_noise_e": options["read_noise_e"]}),
+        }
+    )
     observations = reexposed(replace(run, scene=exposed), seed_of(scene.seed, f"study/wls/{name}/noise"))
     exact = exact_calibration(run.world)
     sheet = _sheet(run.field, options)
@@ -183,10 +188,12 @@ def scored(
     error, covariance = points.xyz_mm[rows] - true_mm, points.covariance_of(rows)
     in_frame = _squared(error, _blocks(covariance))
     answer: dict[str, Any] = {
-        "points": len(codes), "rejected": int(points.rejected.sum()),
-        "frame_mm2": float((error**2).sum()), "claimed_frame_mm2": float(np.trace(covariance)),
+        "points": len(codes),
+        "rejected": int(points.rejected.sum()),
+        "frame_mm2": float((error**2).sum()),
+        "claimed_frame_mm2": float(np.trace(covariance)),
         "nees_points_frame": float(in_frame.mean() / 3),
-    }  # fmt: skip
+    }
     if narrow_mm2 is not None:
         own = dict(zip(narrow_mm2[0].tolist(), narrow_mm2[1], strict=True))
         blocks = np.array([own[code] for code in codes])
@@ -200,10 +207,12 @@ def scored(
     whole = np.linalg.pinv(covariance, rcond=1e-10, hermitian=True)
     single = _squared(error, _blocks(covariance))
     answer |= {
-        "square_mm2": float((error**2).sum()), "claimed_mm2": float(np.trace(covariance)),
+        "square_mm2": float((error**2).sum()),
+        "claimed_mm2": float(np.trace(covariance)),
         "nees": float(error.ravel() @ whole @ error.ravel() / freedom),
-        "nees_points": float(single.mean() / 3), "hits": int((single <= chi2.ppf(P, 3)).sum()),
-    }  # fmt: skip
+        "nees_points": float(single.mean() / 3),
+        "hits": int((single <= chi2.ppf(P, 3)).sum()),
+    }
     if points.method in KEPT_ERRORS:
         answer |= {"error_mm": error.ravel().astype(np.float32), "codes": np.array(codes, np.int16)}
     return answer
@@ -251,10 +260,11 @@ def _of_the_cameras(
     toward = calibration.stations.origin_mm[sights.station[:, :2]] - true_mm[:, None]
     normal = np.cross(toward[:, 0], toward[:, 1])
     return {
-        "law_ranges": law(depth, sights.there)[0], "law_noise": law(depth * noise, sights.there)[0],
+        "law_ranges": law(depth, sights.there)[0],
+        "law_noise": law(depth * noise, sights.there)[0],
         "law_cameras": law(depth * noise, sights.there)[1],
         "normal": normal / np.linalg.norm(normal, axis=1, keepdims=True),
-    }  # fmt: skip
+    }
 
 
 def law(across: np.ndarray, there: np.ndarray) -> tuple[float, float]:

@@ -7,14 +7,23 @@ import pandas as pd
 from testfield.report.style import ACCENT, FAINT, INK, WARM
 
 LOOKS = {
-    "midpoint": (WARM, "o"), "dlt": ("#d99a2b", "s"), "dlt_p34": ("#8a6d3b", "^"), "parametric_wls": (ACCENT, "o"),
-    "ml": ("#3aa57a", "v"), "gls": (INK, "D"), "bundle": ("#8450a8", "P"), "opencv": (FAINT, "x"),
+    "midpoint": (WARM, "o"),
+    "dlt": ("#d99a2b", "s"),
+    "dlt_p34": ("#8a6d3b", "^"),
+    "parametric_wls": (ACCENT, "o"),
+    "ml": ("#3aa57a", "v"),
+    "gls": (INK, "D"),
+    "bundle": ("#8450a8", "P"),
+    "opencv": (FAINT, "x"),
     "colmap": ("#777777", "+"),
-}  # fmt: skip
+}
 CLAIMS = {
-    "pixels alone (ml)": (WARM, "o"), "block-diagonal (parametric_wls)": ("#d99a2b", "s"),
-    "sandwich (parametric_wls)": (ACCENT, "o"), "sandwich (gls)": (INK, "D"), "sandwich (bundle)": ("#8450a8", "P"),
-}  # fmt: skip
+    "pixels alone (ml)": (WARM, "o"),
+    "block-diagonal (parametric_wls)": ("#d99a2b", "s"),
+    "sandwich (parametric_wls)": (ACCENT, "o"),
+    "sandwich (gls)": (INK, "D"),
+    "sandwich (bundle)": ("#8450a8", "P"),
+}
 SHOWN_AS_GAIN = ("dlt_p34", "parametric_wls", "ml", "gls", "bundle")
 
 

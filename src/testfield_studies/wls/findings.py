@@ -29,21 +29,45 @@ def findings_of(found: pd.DataFrame, table: pd.DataFrame) -> list[Finding]:
         *_law(of(wls, calibration="exact", ranges="spread").dropna(subset=["law_noise", "law_cameras"])),
         _two_cameras(table),
         _ignoring(of(estimated, method=WLS).dropna(subset="over_gls")),
-        _mostly("pixels", "Are weights of pixels alone (ml) better than those of parametric_wls?",
-                of(estimated, method=WLS).dropna(subset="over_ml"), "over_ml", "larger"),
-        _mostly("bundle", "Is one adjustment of all points and cameras better than GLS, a point at a time?",
-                of(estimated, method="bundle").dropna(subset="over_gls"), "over_gls", "smaller"),
-        *(_mostly(method, f"Does {method} gain against the midpoint at spread ranges?",
-                  of(found, method=method, ranges="spread").dropna(subset="gain"), "gain", "larger")
-          for method in ("dlt", "dlt_p34", "opencv")),
-        _mostly("gls", "Does GLS gain against the midpoint at spread ranges (calibration estimated)?",
-                of(estimated, method="gls", ranges="spread").dropna(subset="gain"), "gain", "larger"),
+        _mostly(
+            "pixels",
+            "Are weights of pixels alone (ml) better than those of parametric_wls?",
+            of(estimated, method=WLS).dropna(subset="over_ml"),
+            "over_ml",
+            "larger",
+        ),
+        _mostly(
+            "bundle",
+            "Is one adjustment of all points and cameras better than GLS, a point at a time?",
+            of(estimated, method="bundle").dropna(subset="over_gls"),
+            "over_gls",
+            "smaller",
+        ),
+        *(
+            _mostly(
+                method,
+                f"Does {method} gain against the midpoint at spread ranges?",
+                of(found, method=method, ranges="spread").dropna(subset="gain"),
+                "gain",
+                "larger",
+            )
+            for method in ("dlt", "dlt_p34", "opencv")
+        ),
+        _mostly(
+            "gls",
+            "Does GLS gain against the midpoint at spread ranges (calibration estimated)?",
+            of(estimated, method="gls", ranges="spread").dropna(subset="gain"),
+            "gain",
+            "larger",
+        ),
         narrow(estimated),
-        *(claims(of(found, calibration=kind, method="gls").dropna(subset=["nees", "coverage"]), kind)
-          for kind in KINDS),
+        *(
+            claims(of(found, calibration=kind, method="gls").dropna(subset=["nees", "coverage"]), kind)
+            for kind in KINDS
+        ),
         *again(of(found, calibration="exact", method="gls").dropna(subset=["nees_low", "nees"])),
         _points(found),
-    ]  # fmt: skip
+    ]
 
 
 def tallied(rows: pd.DataFrame, name: str) -> dict[str, Quantity]:

@@ -26,23 +26,27 @@ def read(table: pd.DataFrame) -> Results:
 def _gain_table(found: pd.DataFrame) -> Table:
     names = [OLS, WLS, "ml", "gls"]
     wls = of(found, method=WLS).dropna(subset="gain").set_index(CELL)
-    rmse = {
-        f"{name} µm": 1e3 * of(found, method=name).set_index(CELL)["rmse_mm"].reindex(wls.index) for name in names
-    }  # fmt: skip
-    frame = pd.DataFrame({
-        "points": wls["points"], **rmse, "gain": wls["gain"],
-        "95 %": [_interval(a, b) for a, b in zip(wls["gain_low"], wls["gain_high"], strict=True)],
-        "predicted": wls["gain_predicted"],
-        "law": wls["law_noise"].where(law_holds(wls.reset_index()).to_numpy()),
-        "parametric_wls is": [SAYS[side] for side in tell(wls, "gain")],
-    }, index=wls.index).reset_index()  # fmt: skip
+    rmse = {f"{name} µm": 1e3 * of(found, method=name).set_index(CELL)["rmse_mm"].reindex(wls.index) for name in names}
+    frame = pd.DataFrame(
+        {
+            "points": wls["points"],
+            **rmse,
+            "gain": wls["gain"],
+            "95 %": [_interval(a, b) for a, b in zip(wls["gain_low"], wls["gain_high"], strict=True)],
+            "predicted": wls["gain_predicted"],
+            "law": wls["law_noise"].where(law_holds(wls.reset_index()).to_numpy()),
+            "parametric_wls is": [SAYS[side] for side in tell(wls, "gain")],
+        },
+        index=wls.index,
+    ).reset_index()
     formats = {f"{name} µm": "{:.1f}" for name in names} | {"gain": "{:.3f}", "predicted": "{:.3f}", "law": "{:.2f}"}
     return Table(
-        "When weighting pays", frame,
+        "When weighting pays",
+        frame,
         "RMSE a coordinate, and the gain of parametric_wls over the midpoint. The law of many cameras stands where it "
         f"is meant: calibration exact, and weights that come to {SEVERAL:.0f} equal cameras or more.",
         formats,
-    )  # fmt: skip
+    )
 
 
 def _claim_table(found: pd.DataFrame) -> Table:
@@ -52,28 +56,36 @@ def _claim_table(found: pd.DataFrame) -> Table:
     ).reset_index()
     frame.columns = [str(name) for name in frame.columns]
     return Table(
-        "What each claim is worth", frame,
+        "What each claim is worth",
+        frame,
         "NEES of single points a degree of freedom, in the frame of the first board, by number of cameras, calibration "
         "estimated: 1 is a true claim.",
         {str(n): "{:.2f}" for n in claims["cameras"].unique()},
-    )  # fmt: skip
+    )
 
 
 def _repeated_table(found: pd.DataFrame) -> Table:
     rows = of(found, method="gls").dropna(subset="repeated")
     share = rows["repeated"].astype(float).clip(lower=0, upper=1)
-    frame = pd.DataFrame({
-        **{name: rows[name] for name in CELL}, "exposures": rows["exposures"], "RMSE µm": 1e3 * rows["rmse_mm"],
-        "predicted µm": 1e3 * rows["predicted_mm"], "again µm": 1e3 * rows["rmse_mm"] * np.sqrt(share),
-        "scatter µm": 1e3 * rows["rmse_mm"] * np.sqrt(1 - share), "again, part of squares": rows["repeated"],
-        "95 %": [_interval(a, b) for a, b in zip(rows["repeated_low"], rows["repeated_high"], strict=True)],
-    })  # fmt: skip
+    frame = pd.DataFrame(
+        {
+            **{name: rows[name] for name in CELL},
+            "exposures": rows["exposures"],
+            "RMSE µm": 1e3 * rows["rmse_mm"],
+            "predicted µm": 1e3 * rows["predicted_mm"],
+            "again µm": 1e3 * rows["rmse_mm"] * np.sqrt(share),
+            "scatter µm": 1e3 * rows["rmse_mm"] * np.sqrt(1 - share),
+            "again, part of squares": rows["repeated"],
+            "95 %": [_interval(a, b) for a, b in zip(rows["repeated_low"], rows["repeated_high"], strict=True)],
+        }
+    )
     return Table(
-        "What comes again in every exposure", frame,
+        "What comes again in every exposure",
+        frame,
         "GLS: the part of the errors that is the same in all exposures of a scene, by products of errors of two "
         "exposures, and the rest. Chance alone gives nought on average.",
         {name: "{:.1f}" for name in frame if name.endswith("µm")} | {"again, part of squares": "{:.2f}"},
-    )  # fmt: skip
+    )
 
 
 def _interval(low: float, high: float) -> str:
@@ -103,10 +115,12 @@ def _lost_table(table: pd.DataFrame) -> Table:
 def claims_of(found: pd.DataFrame) -> pd.DataFrame:
     """NEES of single points by claim in the frame of the first board, calibration estimated."""
     kinds = {
-        "pixels alone (ml)": ("ml", "nees_narrow"), "block-diagonal (parametric_wls)": (WLS, "nees_narrow"),
-        "sandwich (parametric_wls)": (WLS, "nees_frame"), "sandwich (gls)": ("gls", "nees_frame"),
+        "pixels alone (ml)": ("ml", "nees_narrow"),
+        "block-diagonal (parametric_wls)": (WLS, "nees_narrow"),
+        "sandwich (parametric_wls)": (WLS, "nees_frame"),
+        "sandwich (gls)": ("gls", "nees_frame"),
         "sandwich (bundle)": ("bundle", "nees_frame"),
-    }  # fmt: skip
+    }
     parts = []
     for claim, (method, column) in kinds.items():
         rows = of(found, calibration="estimated", method=method)
@@ -118,37 +132,49 @@ def claims_of(found: pd.DataFrame) -> pd.DataFrame:
 def _plots(found: pd.DataFrame) -> list[Plot]:
     columns = [*CELL, "method"]
     rmse = found[columns].assign(
-        rmse_um=1e3 * found["rmse_mm"], rmse_low_um=1e3 * found["rmse_mm_low"],
-        rmse_high_um=1e3 * found["rmse_mm_high"], predicted_um=1e3 * found["predicted_mm"],
-    )  # fmt: skip
+        rmse_um=1e3 * found["rmse_mm"],
+        rmse_low_um=1e3 * found["rmse_mm_low"],
+        rmse_high_um=1e3 * found["rmse_mm_high"],
+        predicted_um=1e3 * found["predicted_mm"],
+    )
     gain = found[(found["ranges"] == "spread") & found["method"].isin(SHOWN_AS_GAIN) & found["gain"].notna()]
     gain = gain.assign(law=gain["law_noise"].where(law_holds(gain)))
     gain = gain[[*columns, "gain", "gain_low", "gain_high", "gain_predicted", "law"]]
     size: dict[str, Any] = {"size_in": (7.6, 6.4), "columns": 2, "rows": 2}
     plots = [
         Plot(
-            f"rmse_{noise}", f"Error by number of cameras, {noise} noise",
+            f"rmse_{noise}",
+            f"Error by number of cameras, {noise} noise",
             "RMSE a coordinate with 95 % intervals; dashed, what each method's own covariance predicts.",
-            rmse[rmse["noise"] == noise], draw_rmse, **size,
+            rmse[rmse["noise"] == noise],
+            draw_rmse,
+            **size,
         )
         for noise in rmse["noise"].unique()
-    ]  # fmt: skip
+    ]
     law = " The law of many cameras is drawn where it is meant." if gain["law"].notna().any() else ""
     plots.append(
         Plot(
-            "gain", "What weighting gains, ranges spread five times",
+            "gain",
+            "What weighting gains, ranges spread five times",
             "RMSE of the midpoint over that of each method, with 95 % intervals; dashed, predicted by the covariances."
-            + law, gain, draw_gain, **size,
+            + law,
+            gain,
+            draw_gain,
+            **size,
         )
-    )  # fmt: skip
+    )
     plots.append(
         Plot(
-            "claims", "What claims are worth",
+            "claims",
+            "What claims are worth",
             "NEES of single points under five claims, in the frame of the first board, calibration estimated; 1 is "
             "true.",
-            claims_of(found).dropna(subset="nees"), draw_claims, **size,
+            claims_of(found).dropna(subset="nees"),
+            draw_claims,
+            **size,
         )
-    )  # fmt: skip
+    )
     return [plot for plot in plots if len(plot.data)]
 
 
