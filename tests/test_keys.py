@@ -282,6 +282,7 @@ TABLE: dict[str, list[Change]] = {
         ("camera.focus_mm", 3100, (R,)),
         ("camera.vignetting", [0.1, 0, 0], (R,)),
         ("camera.natural_vignetting", True, (R,)),
+        ("camera.coefficients", {"k1": 0.02}, (R,)),
         ("camera.motion.velocity_mm_s", [2, 0, 0], (R,)),
         ("camera.motion.angular_velocity_deg_s", [0, 2, 0], (R,)),
         ("camera.flash.on", False, (R,)),
@@ -515,6 +516,7 @@ TABLE: dict[str, list[Change]] = {
         ("cameras.0.focus_mm", 3100, (R,)),
         ("cameras.0.vignetting", [0.1, 0, 0], (R,)),
         ("cameras.0.natural_vignetting", True, (R,)),
+        ("cameras.0.coefficients", {"k1": 0.02}, (R,)),
         # What a rig is designed as, the calibration is told.
         ("rigs.0.cameras.0.position_mm", [-310, 0, 0], (R, C)),
         ("rigs.0.cameras.0.rotation_deg", [0, 1, 0], (R, C)),

@@ -2,26 +2,26 @@
 
 import sys
 from collections.abc import Iterator
-from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+import tomli_w
 
 from testfield import registry
 from testfield.camera.images import Frame, SensorSheet
-from testfield.camera.interior import Interior
 from testfield.certify.lens import certify_lens
 from testfield.detect.detect import detect
 from testfield.detect.observations import MEASURED, Observations
 from testfield.errors import TestfieldError
+from testfield.evaluate.case import changed, scene_table
 from testfield.measure.pipeline import measure
 from testfield.measure.recipe import Algorithm, Recipe
 from testfield.scene.build import build_world
 from testfield.scene.camera_parts import CameraPart
-from testfield.scene.load import load_scene
+from testfield.scene.load import parse_scene
 from testfield.scene.truth import see
 from testfield.scene.world import World
 from testfield.simulate.board_image import draw_board, facing
@@ -31,6 +31,14 @@ from testfield.targets.field import Field, NominalBoard
 from testfield.targets.marks import Marks
 from testfield.uncertainty.rays import RayTrials
 
+CAMERA = {
+    "width_px": 1280,
+    "height_px": 1024,
+    "lens": "one_term",
+    "coefficients": {"bow": -0.08},
+    "pixel_pitch_um": 5.0,
+    "focal_length_mm": 8.0,
+}
 QUICK = Path(__file__).parents[1] / "scenes/quick.toml"
 
 
@@ -49,13 +57,8 @@ def ones_own() -> Iterator[None]:
 @pytest.fixture(scope="module")
 def drawn(ones_own: None) -> tuple[World, Observations]:
     """The quick scene seen through the lens of one's own, drawn without images."""
-    scene = load_scene(QUICK)
+    scene = parse_scene(tomli_w.dumps(changed(scene_table(QUICK), {"camera": CAMERA})), "own.toml")
     world = build_world(scene)
-    fx, fy, cx, cy = world.interior.parameters[:4]
-    lens = Interior(world.interior.width_px, world.interior.height_px, np.array([fx, fy, cx, cy, -0.08]), "one_term")
-    sheet = world.field
-    cameras = tuple(replace(camera, lens="one_term") for camera in sheet.cameras)
-    world = replace(world, interior=lens, field=replace(sheet, cameras=cameras))
     return world, draw_observations(scene, world, see(world), 5)
 
 
@@ -126,6 +129,16 @@ def test_a_finder_of_ones_own_reads_a_kind_of_board(monkeypatch: pytest.MonkeyPa
     frame = Frame("one", np.full((100, 100), 3000, np.uint16), SensorSheet(2.6, 2.3, 64.0, 12))
     detect(frame, sheet, "forward_model", 5.0)
     assert asked == [pattern]
+
+
+def test_a_coefficient_that_a_lens_model_has_not_is_refused() -> None:
+    for camera, place in (
+        (CAMERA | {"coefficients": {"bowl": -0.08}}, "camera.coefficients.bowl"),
+        (CAMERA | {"k1": -0.08}, "camera.k1"),
+    ):
+        scene = parse_scene(tomli_w.dumps(changed(scene_table(QUICK), {"camera": camera})), "own.toml")
+        with pytest.raises(TestfieldError, match=rf"{place}.*its coefficients are bow"):
+            build_world(scene)
 
 
 def test_a_name_that_nobody_registered_is_refused_with_those_that_are() -> None:

@@ -71,6 +71,9 @@ class CameraPart(Part):
     s2: float = Field(0, description="Thin prism in x, higher order (rational).")
     s3: float = Field(0, description="Thin prism in y (rational).")
     s4: float = Field(0, description="Thin prism in y, higher order (rational).")
+    coefficients: dict[str, float] = Field(
+        {}, description="Coefficients by name, for a lens model of one's own that has others than these."
+    )
     residual_field: ResidualField | None = Field(None, description="Displacements that the lens model does not know.")
     f_number: PositiveFloat = Field(8.0, description="Aperture; sets how much light reaches the sensor.")
     psf_sigma_px: float = Field(

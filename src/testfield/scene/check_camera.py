@@ -20,7 +20,8 @@ def possible_optics(scene: SceneFile, world: World, source: str) -> None:
     edge = world.interior.corners_px
     rim = np.concatenate([np.linspace(a, b, 20) for a, b in zip(edge, np.roll(edge, -1, axis=0), strict=True)])
     if not np.isfinite(directions(world.interior, rim)).all():
-        worst = {name: getattr(scene.camera, name) for name in world.interior.names[4:] if getattr(scene.camera, name)}
+        found = zip(world.interior.names[4:], world.interior.coefficients.tolist(), strict=False)
+        worst = {name: value for name, value in found if value}
         raise TestfieldError(
             f"the distortion ({', '.join(f'{k} = {v}' for k, v in worst.items())}) folds back within the image",
             f"{source}, camera",

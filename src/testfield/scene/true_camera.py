@@ -29,15 +29,16 @@ def true_interior(scene: SceneFile) -> Interior:
     focal = 1000 * camera.focal_length_mm / camera.pixel_pitch_um
     middle = ((camera.width_px - 1) / 2, (camera.height_px - 1) / 2)
     cx, cy = (m + offset for m, offset in zip(middle, camera.principal_point_offset_px, strict=True))
-    names = parameter_names(camera.lens)
-    for name in all_coefficients() - set(names):
-        if getattr(camera, name, 0) != 0:
+    own = parameter_names(camera.lens)[4:]
+    given = {name: getattr(camera, name, 0.0) for name in sorted(all_coefficients())} | camera.coefficients
+    for name, value in given.items():
+        if name not in own and (value != 0 or name in camera.coefficients):
             raise TestfieldError(
-                f"value {getattr(camera, name)}: the lens model '{camera.lens}' has no such coefficient",
-                f"camera.{name}",
-                f"its coefficients are {', '.join(names[4:])}",
+                f"value {value}: the lens model '{camera.lens}' has no such coefficient",
+                f"camera.coefficients.{name}" if name in camera.coefficients else f"camera.{name}",
+                f"its coefficients are {', '.join(own)}",
             )
-    values = [focal, focal * camera.aspect, cx, cy, *[getattr(camera, name) for name in names[4:]]]
+    values = [focal, focal * camera.aspect, cx, cy, *[given[name] for name in own]]
     return Interior(camera.width_px, camera.height_px, np.array(values, float), camera.lens, _residual_field(scene))
 
 
