@@ -12,6 +12,7 @@ import tomli_w
 
 from testfield import registry
 from testfield.camera.images import Frame, SensorSheet
+from testfield.camera.lens import lens_model, lens_names
 from testfield.certify.lens import certify_lens
 from testfield.detect.detect import detect
 from testfield.detect.observations import MEASURED, Observations
@@ -71,6 +72,14 @@ def test_a_lens_model_of_ones_own_is_calibrated_as_truly_as_it_claims(drawn: tup
     cov = found.covariance[np.ix_(own, own)]
     assert error @ np.linalg.solve(cov, error) < 20.5  # chi2 of 5 at 0.999
     assert np.sqrt(cov[4, 4]) < 2e-3
+
+
+def test_the_parameters_of_a_lens_model_are_asked_for_in_the_order_that_it_gives() -> None:
+    assert lens_model("one_term").parameter_groups == (("fx", "fy"), ("bow",), ("cx", "cy"), ("aspect",))
+    for name in lens_names():
+        model = lens_model(name)
+        asked = [parameter for group in model.parameter_groups for parameter in group]
+        assert sorted(asked) == sorted(["fx", "fy", "cx", "cy", "aspect", *model.coefficients])
 
 
 def test_calibrator_and_reconstructor_of_ones_own_are_parts_of_a_recipe(drawn: tuple[World, Observations]) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from testfield.adjust.bundle import Adjustment, adjust, predict
 from testfield.adjust.network import Camera, Layout, Network
 from testfield.calibrate.self_start import SQUARE
-from testfield.camera.interior import Interior
+from testfield.camera.lens import ASPECT, PRINCIPAL_POINT
 from testfield.camera.project import camera_jacobian
 from testfield.errors import TestfieldError
 
@@ -20,19 +20,6 @@ GUESSED = {"focal length": 0.2, "principal point": 0.015, "aspect": 1e-3, "lens"
 """How well anybody knows a lens unseen: the focal length as a part of itself; the principal point as a part of the
 image's width; fy / fx; a coefficient by what it moves at the outermost point, as a part of the image's width. What a
 network tells less well than this it does not determine."""
-
-
-def parameter_groups(interior: Interior) -> list[tuple[str, ...]]:
-    """Groups of lens parameters in the order in which they are asked for; `aspect` lets fy differ from fx."""
-    first = interior.names[4]
-    groups: list[tuple[str, ...]] = [("fx", "fy"), (first,), ("cx", "cy")]
-    rest = [name for name in interior.names[5:]]
-    pairs = [tuple(n for n in rest if n[0] == "p"), *((n,) for n in rest if n[0] != "p")]
-    pairs = [group for group in pairs if group]
-    second = [group for group in pairs if group == ("k2",)]
-    others = [group for group in pairs if group != ("k2",)]
-    decentring = [g for g in others if g[0][0] == "p"]
-    return groups + second + decentring + [("aspect",)] + [g for g in others if g not in decentring]
 
 
 def free_what_is_determined(
@@ -61,8 +48,8 @@ def _freed(
     centre = np.where(free, camera.interior.parameters, camera.known)
     limits = _of_any_lens(network, number)
     notes: list[str] = []
-    for group in parameter_groups(camera.interior):
-        if group == ("aspect",):
+    for group in camera.interior.lens.parameter_groups:
+        if group == ASPECT:
             wanted, with_square = free.copy(), False
             if not square or not free[:2].all():
                 continue
@@ -154,21 +141,21 @@ def _of_any_lens(network: Network, number: int) -> dict[str, float]:
 def _said(group: tuple[str, ...]) -> str:
     if group == ("fx", "fy"):
         return "the focal length"
-    if group == ("cx", "cy"):
+    if group == PRINCIPAL_POINT:
         return "the principal point (cx, cy)"
-    if group == ("aspect",):
+    if group == ASPECT:
         return "fy / fx"
     return ", ".join(group)
 
 
 def _held(group: tuple[str, ...], centre: np.ndarray, limits: dict[str, float], names: tuple[str, ...]) -> str:
     """What is done with a group that the images do not determine."""
-    if group == ("aspect",):
+    if group == ASPECT:
         return f"is held to 1, +-{limits['aspect']:.2g}"
     at = "+-" + ", ".join(f"{limits[name]:.2g}" for name in dict.fromkeys(group))
     if group == ("fx", "fy"):
         return f"is held to its start, {centre[0]:.0f} +-{limits['fx']:.2g} px"
-    if group == ("cx", "cy"):
+    if group == PRINCIPAL_POINT:
         return f"is held to the image's middle, +-{limits['cx']:.2g} px"
     return f"{'are' if len(group) > 1 else 'is'} held to zero, {at}"
 

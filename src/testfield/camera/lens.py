@@ -17,6 +17,8 @@ from numpy.polynomial import Polynomial
 
 from testfield.registry import find, names
 
+PRINCIPAL_POINT, ASPECT = ("cx", "cy"), ("aspect",)
+
 
 @dataclass(frozen=True)
 class NamesElsewhere:
@@ -41,7 +43,9 @@ class LensModel:
 
     For a calibration: `radial_terms` are those coefficients of the radial part by which the image's radius is linear,
     lowest order first, so that they can be fitted before anything else is known; `as_pinhole` (n,) are coefficients at
-    which the lens is nearest to a pinhole, zero each where not given. `in_opencv` and `in_colmap` are its names there.
+    which the lens is nearest to a pinhole, zero each where not given; `groups` are the parameters in the order in which
+    a free network is asked for them, those together that are known together, `cx`, `cy` and `aspect` (of fy to fx)
+    among them, one coefficient after another where not given. `in_opencv` and `in_colmap` are its names there.
 
     For the certificate: `examples` of lenses for 4096 x 3000 px by name, each fx and fy in px and the coefficients;
     `folding` (n,) coefficients with which the image folds back within a radius of 5.
@@ -54,6 +58,7 @@ class LensModel:
     radial: Callable[[Any, Any], tuple[Any, Any]]
     last_angle: Callable[[np.ndarray], float] | None = None
     radial_terms: tuple[str, ...] = ()
+    groups: tuple[tuple[str, ...], ...] = ()
     as_pinhole: tuple[float, ...] = ()
     in_opencv: NamesElsewhere | None = None
     in_colmap: NamesElsewhere | None = None
@@ -64,6 +69,12 @@ class LensModel:
     def by_angle(self) -> bool:
         """Whether its formula is of the angle from the axis."""
         return self.last_angle is not None
+
+    @property
+    def parameter_groups(self) -> tuple[tuple[str, ...], ...]:
+        """All parameters in the order in which a free network is asked for them, the focal lengths first."""
+        alone = tuple((name,) for name in self.coefficients)
+        return (("fx", "fy"), *(self.groups or (*alone[:1], PRINCIPAL_POINT, ASPECT, *alone[1:])))
 
     @property
     def pinhole(self) -> np.ndarray:

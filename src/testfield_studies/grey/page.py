@@ -94,7 +94,7 @@ def _sample_tables(judged: pd.DataFrame, described: list[dict[str, Any]]) -> lis
                 frame,
                 "Errors against the truth, one coordinate. Skewness and kurtosis are free of bias for normal values, "
                 f"and the bias is without what chance adds to a mean. Beside them, where 95 % of {ALIKE} sets of "
-                "normal errors of the same shape lie: as many dots and images, the same scatter, normal biases of dots.",
+                "normal errors of the same shape lie: as many dots and images, the same scatter, normal biases.",
             )
         )
     return tables

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from testfield.camera.lens import LensModel, NamesElsewhere, smallest_positive_root
+from testfield.camera.lens import ASPECT, PRINCIPAL_POINT, LensModel, NamesElsewhere, smallest_positive_root
 from testfield.registry import register
 
 
@@ -61,6 +61,7 @@ def brown() -> LensModel:
         reach=reach,
         radial=radial,
         radial_terms=("k1", "k2", "k3"),
+        groups=(("k1",), PRINCIPAL_POINT, ("k2",), ("p1", "p2"), ASPECT, ("k3",)),
         in_opencv=NamesElsewhere("", ("k1", "k2", "p1", "p2", "k3")),
         in_colmap=NamesElsewhere("OPENCV", ("k1", "k2", "p1", "p2")),
         examples={

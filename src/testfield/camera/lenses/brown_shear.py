@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from testfield.camera.lens import NUMPY, LensModel
+from testfield.camera.lens import ASPECT, NUMPY, PRINCIPAL_POINT, LensModel
 from testfield.camera.lenses import brown
 from testfield.registry import register
 
@@ -34,6 +34,7 @@ def brown_shear() -> LensModel:
         reach=brown.reach,
         radial=brown.radial,
         radial_terms=("k1", "k2", "k3"),
+        groups=(("k1",), PRINCIPAL_POINT, ("k2",), ("p1", "p2"), ASPECT, ("k3",), ("shear",)),
         examples={"": (2400, 2403, -0.2, 0.09, -0.02, 1e-3, -8e-4, 3e-3)},
         folding=(-0.5, 0, 0, 0, 0, 0.01),
     )

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from testfield.camera.lens import LensModel, NamesElsewhere, smallest_positive_root
+from testfield.camera.lens import ASPECT, PRINCIPAL_POINT, LensModel, NamesElsewhere, smallest_positive_root
 from testfield.registry import register
 
 
@@ -63,6 +63,7 @@ def fisheye() -> LensModel:
         radial=radial,
         last_angle=last_angle,
         radial_terms=names,
+        groups=(("k1",), PRINCIPAL_POINT, ("k2",), ASPECT, ("k3",), ("k4",)),
         as_pinhole=(1 / 3, 2 / 15, 17 / 315, 62 / 2835),  # the tangent's series
         in_opencv=NamesElsewhere("fisheye", names),
         in_colmap=NamesElsewhere("OPENCV_FISHEYE", names),

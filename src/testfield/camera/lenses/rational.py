@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from testfield.camera.lens import LensModel, NamesElsewhere, smallest_positive_root
+from testfield.camera.lens import ASPECT, PRINCIPAL_POINT, LensModel, NamesElsewhere, smallest_positive_root
 from testfield.registry import register
 
 
@@ -81,6 +81,7 @@ def rational() -> LensModel:
         reach=reach,
         radial=radial,
         radial_terms=("k1", "k2", "k3"),
+        groups=(("k1",), PRINCIPAL_POINT, ("k2",), ("p1", "p2"), ASPECT, *((name,) for name in names[4:])),
         in_opencv=NamesElsewhere("rational", names),
         in_colmap=NamesElsewhere("FULL_OPENCV", names[:8]),
         examples={"": (2600, 2610, -0.31, 0.08, 4e-4, -3e-4, 4e-3, -0.02, 0.01, 2e-3, 1e-3, -2e-4, -8e-4, 1e-4)},
