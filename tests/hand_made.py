@@ -87,20 +87,20 @@ def _world() -> World:
         board, point, code = board + [b] * len(xy), point + [*range(len(xy))], code + codes
     n, k = len(code), len(LOOSE)
     panels = Panels(
-        (*"ABC", *(f"card {c}" for c in LOOSE)),
-        Poses.join([boards, cards]),
-        np.full((3 + k, 2), 200.0),
-        np.full(3 + k, 0.1),
-        np.full(3 + k, 0.8),
+        name=(*"ABC", *(f"card {c}" for c in LOOSE)),
+        world_from_panel=Poses.join([boards, cards]),
+        size_mm=np.full((3 + k, 2), 200.0),
+        ground_albedo=np.full(3 + k, 0.1),
+        ink_albedo=np.full(3 + k, 0.8),
     )
     marks = TrueMarks(
-        np.array([*board, *range(3, 3 + k)]),
-        np.concatenate([*on, np.zeros((k, 2))]),
-        np.full(n + k, 10.0),
-        np.array([*code, *LOOSE]),
-        np.array([BOARD] * n + [CHECK] * len(CHECKS) + [BAR] * len(BARS)),
-        np.array([*board, *[-1] * k]),
-        np.array([*point, *[-1] * k]),
+        panel=np.array([*board, *range(3, 3 + k)]),
+        xy_mm=np.concatenate([*on, np.zeros((k, 2))]),
+        diameter_mm=np.full(n + k, 10.0),
+        code=np.array([*code, *LOOSE]),
+        role=np.array([BOARD] * n + [CHECK] * len(CHECKS) + [BAR] * len(BARS)),
+        board=np.array([*board, *[-1] * k]),
+        point=np.array([*point, *[-1] * k]),
     )
     bars = (
         ScaleBar("control bar", "control", (31, 32), 900.0, 0.006),
@@ -111,19 +111,19 @@ def _world() -> World:
     sheet = Field(14, tuple(sheets), bars, dict.fromkeys(LOOSE, 10.0))
     interior = Interior(1000, 800, np.array([1000.0, 1000, 499.5, 399.5, 0, 0, 0, 0, 0]))
     return World(
-        "by hand",
-        1,
-        5000.0,
-        panels,
-        marks,
-        boards,
-        ("left", "right"),
-        _STATIONS.after(Poses.join([datum, datum]).inverse()),
-        interior,
-        0.6,
-        (),
-        0.5,
-        sheet,
+        name="by hand",
+        seed=1,
+        field_diagonal_mm=5000.0,
+        panels=panels,
+        marks=marks,
+        world_from_board=boards,
+        station_name=("left", "right"),
+        camera_from_world=_STATIONS.after(Poses.join([datum, datum]).inverse()),
+        interior=interior,
+        psf_sigma_px=0.6,
+        lights=(),
+        ambient_radiance=0.5,
+        field=sheet,
     )
 
 
@@ -221,27 +221,27 @@ def _calibration(world: World) -> Calibration:
         {"station": "right", "board": "", "x_px": 65.4, "y_px": 32.1, "sigmas": 9.8},
     )
     return Calibration(
-        "hand",
-        world.interior.with_parameters(np.array([1001.0, 1001, 499.8, 399.5, 0, 0, 0, 0, 0])),
-        world.station_name,
-        _STATIONS,
-        ("A", "C", "B"),
-        boards,
-        1.000035,
-        covariance,
-        labels,
-        1.05,
-        250,
-        0.123,
-        321,
-        rejected,
-        np.array([[100.0, 100], [900, 150], [500, 700]]),
-        np.array([[0.1, 0.0]] * 3),
-        (("left", "A", 6), ("right", "B", 4), ("left", "C", 2)),
-        ("a note",),
-        joints,
-        quality,
-        test,
+        method="hand",
+        interior=world.interior.with_parameters(np.array([1001.0, 1001, 499.8, 399.5, 0, 0, 0, 0, 0])),
+        station_names=world.station_name,
+        stations=_STATIONS,
+        board_names=("A", "C", "B"),
+        boards=boards,
+        scale=1.000035,
+        covariance=covariance,
+        labels=labels,
+        sigma0=1.05,
+        freedom=250,
+        reprojection_rms_px=0.123,
+        used=321,
+        rejected=rejected,
+        residual_at_px=np.array([[100.0, 100], [900, 150], [500, 700]]),
+        residual_px=np.array([[0.1, 0.0]] * 3),
+        graph=(("left", "A", 6), ("right", "B", 4), ("left", "C", 2)),
+        notes=("a note",),
+        joints=joints,
+        board_quality=quality,
+        test=test,
     )
 
 
@@ -266,7 +266,15 @@ def _points() -> Points:
     each, common = np.diag(np.where(check, 4e-6, 8e-6)), np.outer(check, check).astype(float)
     covariance = np.kron(each, np.eye(3)) + np.kron(common, np.diag([5e-6, 5e-6, 12e-6]))
     n = len(order)
-    return Points("hand", np.array(order), np.array(xyz), covariance, np.full(n, 2), np.zeros(n), np.zeros(n, int))
+    return Points(
+        method="hand",
+        code=np.array(order),
+        xyz_mm=np.array(xyz),
+        cov_xyz_mm2=covariance,
+        rays=np.full(n, 2),
+        residual_rms_px=np.zeros(n),
+        rejected=np.zeros(n, int),
+    )
 
 
 @dataclass

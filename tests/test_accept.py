@@ -49,19 +49,19 @@ def exact(scene: SceneFile) -> World:
 def calibrated(world: World) -> Calibration:
     """A calibration that says no more than which board is the datum."""
     return Calibration(
-        "none",
-        world.interior,
-        world.station_name,
-        world.camera_from_world,
-        (world.field.boards[0].name,),
-        Poses.identity(1),
-        1.0,
-        np.zeros((0, 0)),
-        (),
-        1.0,
-        1,
-        0.0,
-        0,
+        method="none",
+        interior=world.interior,
+        station_names=world.station_name,
+        stations=world.camera_from_world,
+        board_names=(world.field.boards[0].name,),
+        boards=Poses.identity(1),
+        scale=1.0,
+        covariance=np.zeros((0, 0)),
+        labels=(),
+        sigma0=1.0,
+        freedom=1,
+        reprojection_rms_px=0.0,
+        used=0,
     )
 
 
@@ -72,7 +72,13 @@ def true_points(world: World, u_mm: float = 0.01) -> Points:
     xyz = (world.mark_world_mm[here] - datum.t_mm[0]) @ datum.R[0]
     n = len(here)
     return Points(
-        "true", world.marks.code[here], xyz, u_mm**2 * np.eye(3 * n), np.full(n, 9), np.zeros(n), np.zeros(n, int)
+        method="true",
+        code=world.marks.code[here],
+        xyz_mm=xyz,
+        cov_xyz_mm2=u_mm**2 * np.eye(3 * n),
+        rays=np.full(n, 9),
+        residual_rms_px=np.zeros(n),
+        rejected=np.zeros(n, int),
     )
 
 
@@ -200,13 +206,13 @@ def test_a_target_that_was_not_measured_leaves_the_test_incomplete(scene: SceneF
     kept = points.code != 403
     index = np.repeat(kept, 3)
     fewer = Points(
-        "true",
-        points.code[kept],
-        points.xyz_mm[kept],
-        points.cov_xyz_mm2[np.ix_(index, index)],
-        points.rays[kept],
-        points.residual_rms_px[kept],
-        points.rejected[kept],
+        method="true",
+        code=points.code[kept],
+        xyz_mm=points.xyz_mm[kept],
+        cov_xyz_mm2=points.cov_xyz_mm2[np.ix_(index, index)],
+        rays=points.rays[kept],
+        residual_rms_px=points.residual_rms_px[kept],
+        rejected=points.rejected[kept],
     )
     card, _ = acceptance(scene, exact, calibrated(exact), fewer, TIGHT)
     assert card["verdict"]["verdict"] == "incomplete"

@@ -62,13 +62,13 @@ def test_a_plane_of_check_targets_on_a_board_has_nothing_of_the_board_itself(by_
     xy[on] = at
     world = replace(by_hand.world, marks=replace(marks, panel=np.where(on, 0, marks.panel), xy_mm=xy))
     points = Points(
-        "hand",
-        np.array([21, 22, 23, 24, 1, 31]),
-        np.array([[90, 0, 0.02], [-90, 0, 0.02], [0, 90, -0.02], [0, -90, -0.02], [0, 50, 9], [0, 0, 2000]]),
-        1e-6 * np.eye(18),
-        np.full(6, 2),
-        np.zeros(6),
-        np.zeros(6, int),
+        method="hand",
+        code=np.array([21, 22, 23, 24, 1, 31]),
+        xyz_mm=np.array([[90, 0, 0.02], [-90, 0, 0.02], [0, 90, -0.02], [0, -90, -0.02], [0, 50, 9], [0, 0, 2000]]),
+        cov_xyz_mm2=1e-6 * np.eye(18),
+        rays=np.full(6, 2),
+        residual_rms_px=np.zeros(6),
+        rejected=np.zeros(6, int),
     )
     scene = volume(1200.0, 2000.0, 1000.0, check_targets=())
     (plane,) = planes(scene, world, points)

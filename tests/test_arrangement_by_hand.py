@@ -154,13 +154,13 @@ def test_the_page_says_what_was_asked_and_begins_with_the_verdict(by_hand: HandM
     n = len(ends)
     xyz = np.array([world.mark_world_mm[int(np.flatnonzero(world.marks.code == code)[0])] for code in ends])
     points = Points(
-        "hand",
-        np.array(ends),
-        xyz + 0.001 * np.arange(n)[:, None] / n,
-        1e-8 * np.eye(3 * n),
-        np.full(n, 2),
-        np.zeros(n),
-        np.zeros(n, int),
+        method="hand",
+        code=np.array(ends),
+        xyz_mm=xyz + 0.001 * np.arange(n)[:, None] / n,
+        cov_xyz_mm2=1e-8 * np.eye(3 * n),
+        rays=np.full(n, 2),
+        residual_rms_px=np.zeros(n),
+        rejected=np.zeros(n, int),
     )
     alone = replace(by_hand.calibration, board_names=("A",), boards=by_hand.calibration.boards[:1])
     scene = volume(300.0, 400.0, 1200.0)

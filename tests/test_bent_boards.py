@@ -216,16 +216,16 @@ def observe(world: World) -> Observations:
     image = disc_image(world.interior, poses, world.mark_world_mm[mark], normal, world.marks.diameter_mm[mark] / 2)
     marks = world.marks
     return Observations(
-        world.station_name,
-        station,
-        views.disc_px[station, mark],
-        np.tile(1e-4 * np.eye(2), (n, 1, 1)),
-        image.moments_px2,
-        marks.code[mark],
-        marks.board[mark],
-        marks.point[mark],
-        np.ones(n),
-        np.full(n, MEASURED, object),
+        stations=world.station_name,
+        station=station,
+        xy_px=views.disc_px[station, mark],
+        cov_px2=np.tile(1e-4 * np.eye(2), (n, 1, 1)),
+        moments_px2=image.moments_px2,
+        code=marks.code[mark],
+        board=marks.board[mark],
+        point=marks.point[mark],
+        chi2=np.ones(n),
+        status=np.full(n, MEASURED, object),
         centre_of_disc=True,
     )
 

@@ -89,17 +89,17 @@ def seen(
     xy = xy + (SIGMA_PX * noise.standard_normal(xy.shape) if noise else 0)
     inside = np.isfinite(xy).all(axis=1) & (np.abs(xy - MIDDLE) < np.add(MIDDLE, 0.5)).all(axis=1)
     rows = Observations(
-        tuple(f"s{i}" for i in range(count)),
-        s,
-        xy,
-        np.tile(SIGMA_PX**2 * np.eye(2), (n, 1, 1)),
-        image.moments_px2,
-        code[k],
-        board[k],
-        point[k],
-        np.ones(n),
-        np.full(n, MEASURED, object),
-        discs,
+        stations=tuple(f"s{i}" for i in range(count)),
+        station=s,
+        xy_px=xy,
+        cov_px2=np.tile(SIGMA_PX**2 * np.eye(2), (n, 1, 1)),
+        moments_px2=image.moments_px2,
+        code=code[k],
+        board=board[k],
+        point=point[k],
+        chi2=np.ones(n),
+        status=np.full(n, MEASURED, object),
+        centre_of_disc=discs,
     )
     return rows.take(inside)
 

@@ -41,17 +41,17 @@ def seen() -> Observations:
     xy = project(CAMERA, poses[s], xyz[k])
     n = len(s)
     return Observations(
-        tuple(f"s{i}" for i in range(6)),
-        s,
-        xy,
-        np.tile(9e-4 * np.eye(2), (n, 1, 1)),
-        np.tile(9 * np.eye(2), (n, 1, 1)),
-        1 + k,
-        k // 20,
-        k % 20,
-        np.ones(n),
-        np.full(n, MEASURED, object),
-        False,
+        stations=tuple(f"s{i}" for i in range(6)),
+        station=s,
+        xy_px=xy,
+        cov_px2=np.tile(9e-4 * np.eye(2), (n, 1, 1)),
+        moments_px2=np.tile(9 * np.eye(2), (n, 1, 1)),
+        code=1 + k,
+        board=k // 20,
+        point=k % 20,
+        chi2=np.ones(n),
+        status=np.full(n, MEASURED, object),
+        centre_of_disc=False,
     )
 
 

@@ -21,7 +21,15 @@ def test_a_length_between_uncertain_points_is_too_long_by_its_second_order() -> 
     mass = np.einsum("i,j,k->ijk", *3 * [weight / weight.sum()]).ravel()
     ends = np.vstack([np.zeros(3), [L, 0, 0] + s * grid])
     n = len(ends)
-    points = Points("drawn", np.arange(n), ends, np.eye(3 * n), np.full(n, 4), np.zeros(n), np.zeros(n, int))
+    points = Points(
+        method="drawn",
+        code=np.arange(n),
+        xyz_mm=ends,
+        cov_xyz_mm2=np.eye(3 * n),
+        rays=np.full(n, 4),
+        residual_rms_px=np.zeros(n),
+        rejected=np.zeros(n, int),
+    )
     lengths = measured(points, [("", 0, k, L, 0.0) for k in range(1, n)])
     assert mass @ lengths.dl_mm == pytest.approx(s**2 / L, rel=1e-4)
     assert mass @ lengths.dl_mm == pytest.approx(1e-5, abs=1e-9)

@@ -238,16 +238,16 @@ def test_recall_counts_what_is_found_missed_misread_and_false() -> None:
     )
     n, none = len(look), np.zeros((len(look), 2, 2))
     found = Targets(
-        np.array([xy for xy, *_ in look], float),
-        none,
-        none,
-        np.ones(n),
-        np.ones(n),
-        np.array([code for _, code, _ in look]),
-        none,
-        np.array([status for *_, status in look], object),
-        np.full(n, 500.0),
-        np.full(n, 2000.0),
+        xy_px=np.array([xy for xy, *_ in look], float),
+        cov_px2=none,
+        moments_px2=none,
+        chi2=np.ones(n),
+        misfit=np.ones(n),
+        code=np.array([code for _, code, _ in look]),
+        affine=none,
+        status=np.array([status for *_, status in look], object),
+        background_dn=np.full(n, 500.0),
+        contrast_dn=np.full(n, 2000.0),
     )
     recall = Recall()
     count(recall, view, found)

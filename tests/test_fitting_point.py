@@ -175,7 +175,15 @@ def test_the_rig_is_symmetric_and_the_truth_gives_zeros() -> None:
     cov = 0.01**2 * (np.eye(3 * n) + np.kron(np.ones((n, n)), np.eye(3)))
     for q in (0.0, 1e-3):
         xyz = (1 + q) * np.array([true[int(code)] for code in codes])
-        points = Points("true", codes, xyz, cov, np.full(n, 5), np.zeros(n), np.zeros(n, int))
+        points = Points(
+            method="true",
+            code=codes,
+            xyz_mm=xyz,
+            cov_xyz_mm2=cov,
+            rays=np.full(n, 5),
+            residual_rms_px=np.zeros(n),
+            rejected=np.zeros(n, int),
+        )
         table = pd.DataFrame(fits(points, world, ("A",), np.zeros(len(ALL)), q))
         size = np.sqrt(sum(table[f"bias_{axis}_mm"] ** 2 for axis in "xyz"))
         blind = (table["layout"] == "symmetric").to_numpy()
@@ -198,7 +206,15 @@ def table() -> pd.DataFrame:
     for bar, trials, q in (("right", 264, 0.0), ("wrong", 20, 1e-3)):
         for k in range(trials):
             xyz = (1 + q) * (at + (root @ rng.standard_normal(3 * n)).reshape(n, 3))
-            points = Points("drawn", codes, xyz, cov, np.full(n, 5), np.zeros(n), np.zeros(n, int))
+            points = Points(
+                method="drawn",
+                code=codes,
+                xyz_mm=xyz,
+                cov_xyz_mm2=cov,
+                rays=np.full(n, 5),
+                residual_rms_px=np.zeros(n),
+                rejected=np.zeros(n, int),
+            )
             labels = {"bar": bar, "seed": 88 + k // 88, "first": 0, "trial": k % 88}
             rows += [labels | row for row in fits(points, world, ("A",), rng.standard_normal(len(ALL)), q)]
     return pd.DataFrame(rows)

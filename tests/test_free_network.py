@@ -36,21 +36,21 @@ def loose_network(bar: bool = True) -> Network:
     m = len(image)
     length = np.linalg.norm(xyz[0] - xyz[1])
     network = Network(
-        (Camera.of(CAMERA),),
-        stations,
-        Images.one_camera(STATIONS),
-        Poses.identity(0),
-        (),
-        xyz,
-        np.full(POINTS, -1),
-        xyz,
-        np.zeros((POINTS, 3, 3)),
-        image,
-        point,
-        np.zeros((m, 2)),
-        np.tile(SIGMA_PX**2 * np.eye(2), (m, 1, 1)),
-        np.zeros((m, 2)),
-        Distances(np.array([[0, 1]]), np.array([length]), np.array([0.02])) if bar else Distances(),
+        cameras=(Camera.of(CAMERA),),
+        stations=stations,
+        images=Images.one_camera(STATIONS),
+        boards=Poses.identity(0),
+        ways=(),
+        point_mm=xyz,
+        point_board=np.full(POINTS, -1),
+        known_mm=xyz,
+        information=np.zeros((POINTS, 3, 3)),
+        image=image,
+        point=point,
+        xy_px=np.zeros((m, 2)),
+        cov_px2=np.tile(SIGMA_PX**2 * np.eye(2), (m, 1, 1)),
+        offset_px=np.zeros((m, 2)),
+        distances=Distances(np.array([[0, 1]]), np.array([length]), np.array([0.02])) if bar else Distances(),
     )
     return replace(network, xy_px=predict(network))
 

@@ -54,17 +54,17 @@ def observations_of(noise_px: float = SIGMA_PX, coded: int = 20, seed: int = 0) 
     depth = truth.stations[truth.image].apply(truth.point_mm[truth.point])[:, 2]
     moments = (0.5 * 10.0 * 4000 / depth)[:, None, None] ** 2 * np.eye(2)
     whole = Observations(
-        ties.stations,
-        ties.image,
-        ties.xy_px,
-        ties.cov_px2,
-        moments,
-        code,
-        np.full(n, -1),
-        ties.point,
-        np.ones(n),
-        np.full(n, MEASURED, object),
-        False,
+        stations=ties.stations,
+        station=ties.image,
+        xy_px=ties.xy_px,
+        cov_px2=ties.cov_px2,
+        moments_px2=moments,
+        code=code,
+        board=np.full(n, -1),
+        point=ties.point,
+        chi2=np.ones(n),
+        status=np.full(n, MEASURED, object),
+        centre_of_disc=False,
     )
     found = [
         Found(
@@ -177,17 +177,17 @@ def seen_grid(image: int, target: TargetSpec) -> Found:
     place = order_grid(xy, np.full(80, 90.0), target.columns, target.rows)
     none = np.full(80, -1)
     observations = Observations(
-        (f"s{image}",),
-        np.zeros(80, int),
-        xy,
-        np.tile(0.0025 * np.eye(2), (80, 1, 1)),
-        np.tile(500 * np.eye(2), (80, 1, 1)),
-        np.zeros(80, int),
-        none,
-        none,
-        np.ones(80),
-        np.full(80, MEASURED),
-        False,
+        stations=(f"s{image}",),
+        station=np.zeros(80, int),
+        xy_px=xy,
+        cov_px2=np.tile(0.0025 * np.eye(2), (80, 1, 1)),
+        moments_px2=np.tile(500 * np.eye(2), (80, 1, 1)),
+        code=np.zeros(80, int),
+        board=none,
+        point=none,
+        chi2=np.ones(80),
+        status=np.full(80, MEASURED),
+        centre_of_disc=False,
     )
     return Found(observations, place, ())
 

@@ -44,25 +44,33 @@ def board_world(meshes: tuple[TrueMesh, ...], lights: tuple[AreaLight, ...] = ()
     xy = np.column_stack([x.ravel(), y.ravel()])
     n = len(xy)
     zero = np.zeros(n, int)
-    panels = Panels(("A",), Poses.identity(1), np.array([[600.0, 480.0]]), np.array([0.1]), np.array([0.8]))
-    marks = TrueMarks(zero, xy, np.full(n, 40.0), zero, zero + BOARD, zero, np.arange(n))
+    panels = Panels(
+        name=("A",),
+        world_from_panel=Poses.identity(1),
+        size_mm=np.array([[600.0, 480.0]]),
+        ground_albedo=np.array([0.1]),
+        ink_albedo=np.array([0.8]),
+    )
+    marks = TrueMarks(
+        panel=zero, xy_mm=xy, diameter_mm=np.full(n, 40.0), code=zero, role=zero + BOARD, board=zero, point=np.arange(n)
+    )
     camera = Interior(320, 256, np.array([960.0, 960.0, 160.0, 128.0, -0.05, 0.02, 0, 0, 0]))
     pose = Poses(np.diag([1.0, -1, -1])[None], np.array([[0, 0, 2000.0]]))
     return World(
-        "meshes",
-        1,
-        1000.0,
-        panels,
-        marks,
-        Poses.identity(1),
-        ("s",),
-        pose,
-        camera,
-        0.0,
-        lights,
-        ambient,
-        Field(14, ()),
-        meshes,
+        name="meshes",
+        seed=1,
+        field_diagonal_mm=1000.0,
+        panels=panels,
+        marks=marks,
+        world_from_board=Poses.identity(1),
+        station_name=("s",),
+        camera_from_world=pose,
+        interior=camera,
+        psf_sigma_px=0.0,
+        lights=lights,
+        ambient_radiance=ambient,
+        field=Field(14, ()),
+        meshes=meshes,
     )
 
 

@@ -36,19 +36,19 @@ def _known(world: World) -> Calibration:
     labels = tuple(f"board:{n}.{axis}" for n in names[1:] for axis in ("rx", "ry", "rz", "tx", "ty", "tz"))
     covariance = np.diag(np.tile([U_TURN_RAD**2] * 3 + [U_MM**2] * 3, len(names) - 1))
     return Calibration(
-        "true",
-        world.interior,
-        world.station_name,
-        world.camera_from_world,
-        names,
-        boards,
-        1.0,
-        covariance,
-        labels,
-        1.0,
-        1,
-        0.0,
-        0,
+        method="true",
+        interior=world.interior,
+        station_names=world.station_name,
+        stations=world.camera_from_world,
+        board_names=names,
+        boards=boards,
+        scale=1.0,
+        covariance=covariance,
+        labels=labels,
+        sigma0=1.0,
+        freedom=1,
+        reprojection_rms_px=0.0,
+        used=0,
     )
 
 

@@ -49,20 +49,40 @@ def world_of(ink: int = 0, tilt_deg: float = 0.0, **more: object) -> World:
     a = np.radians(tilt_deg)
     R = np.array([[1, 0, 0], [0, np.cos(a), -np.sin(a)], [0, np.sin(a), np.cos(a)]])
     panels = Panels(
-        ("A",),
-        Poses(R[None], np.zeros((1, 3))),
-        np.array([[900.0, 900.0]]),
-        np.array([GROUND]),
-        np.array([INK]),
+        name=("A",),
+        world_from_panel=Poses(R[None], np.zeros((1, 3))),
+        size_mm=np.array([[900.0, 900.0]]),
+        ground_albedo=np.array([GROUND]),
+        ink_albedo=np.array([INK]),
         ink=np.array([ink]),
     )
     zero = np.zeros(1, int)
-    marks = TrueMarks(zero, np.zeros((1, 2)), np.array([2 * RADIUS_MM]), zero, zero, zero, zero)
+    marks = TrueMarks(
+        panel=zero,
+        xy_mm=np.zeros((1, 2)),
+        diameter_mm=np.array([2 * RADIUS_MM]),
+        code=zero,
+        role=zero,
+        board=zero,
+        point=zero,
+    )
     middle = (SIZE_PX - 1) / 2
     camera = Interior(SIZE_PX, SIZE_PX, np.array([FOCAL_PX, FOCAL_PX, middle, middle, 0, 0, 0, 0, 0]))
     pose = Poses(np.diag([1.0, -1, -1])[None], np.array([[0, 0, D_MM]]))
     plain = World(
-        "one dot", 1, 1.0, panels, marks, Poses.identity(1), ("s",), pose, camera, 0.0, (), 0.0, Field(14, ())
+        name="one dot",
+        seed=1,
+        field_diagonal_mm=1.0,
+        panels=panels,
+        marks=marks,
+        world_from_board=Poses.identity(1),
+        station_name=("s",),
+        camera_from_world=pose,
+        interior=camera,
+        psf_sigma_px=0.0,
+        lights=(),
+        ambient_radiance=0.0,
+        field=Field(14, ()),
     )
     return replace(plain, **more)  # type: ignore[arg-type]
 
@@ -105,11 +125,11 @@ def test_a_point_lights_shadow_is_as_sharp_as_a_cell_and_where_geometry_puts_it(
     p = plain.panels
     screen = Poses(np.eye(3)[None], np.array([[450.0, 0.0, 500.0]]))
     panels = Panels(
-        ("A", "screen"),
-        Poses.join([p.world_from_panel, screen]),
-        np.array([[900.0, 900.0], [800.0, 900.0]]),
-        np.array([GROUND, 0.0]),
-        np.array([INK, 0.0]),
+        name=("A", "screen"),
+        world_from_panel=Poses.join([p.world_from_panel, screen]),
+        size_mm=np.array([[900.0, 900.0], [800.0, 900.0]]),
+        ground_albedo=np.array([GROUND, 0.0]),
+        ink_albedo=np.array([INK, 0.0]),
     )
     shaded = render_fast(build_stage(replace(plain, panels=panels)), Irradiance.even(2, 0.0), 0, 8).values
     share = shaded[8] / render_fast(build_stage(plain), Irradiance.even(1, 0.0), 0, 8).values[8]

@@ -140,19 +140,19 @@ def test_a_file_without_its_meaning_or_that_is_no_table_is_named(tmp_path: Path)
 def calibration() -> dict:
     labels = ["fx", *(f"station:left.{axis}" for axis in ("rx", "ry", "rz", "tx", "ty", "tz"))]
     found = Calibration(
-        "peer",
-        Interior(1000, 800, np.array([900, 900, 500, 400, 0, 0, 0, 0, 0.0])),
-        ("left",),
-        Poses.identity(1),
-        (),
-        Poses.identity(0),
-        1.0,
-        np.eye(7),
-        tuple(labels),
-        1.0,
-        10,
-        0.05,
-        30,
+        method="peer",
+        interior=Interior(1000, 800, np.array([900, 900, 500, 400, 0, 0, 0, 0, 0.0])),
+        station_names=("left",),
+        stations=Poses.identity(1),
+        board_names=(),
+        boards=Poses.identity(0),
+        scale=1.0,
+        covariance=np.eye(7),
+        labels=tuple(labels),
+        sigma0=1.0,
+        freedom=10,
+        reprojection_rms_px=0.05,
+        used=30,
     )
     return found, found.labels
 

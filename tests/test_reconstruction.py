@@ -46,7 +46,21 @@ def calibration_of(interior: Interior, stations: Poses, covariance: np.ndarray |
     axes = ("rx", "ry", "rz", "tx", "ty", "tz")
     labels = (*interior.names, *(f"station:{s}.{axis}" for s in names for axis in axes))
     cov = np.zeros((len(labels), len(labels))) if covariance is None else covariance
-    return Calibration("given", interior, names, stations, (), Poses.identity(0), 1.0, cov, labels, 1.0, 1, 0.0, 0)
+    return Calibration(
+        method="given",
+        interior=interior,
+        station_names=names,
+        stations=stations,
+        board_names=(),
+        boards=Poses.identity(0),
+        scale=1.0,
+        covariance=cov,
+        labels=labels,
+        sigma0=1.0,
+        freedom=1,
+        reprojection_rms_px=0.0,
+        used=0,
+    )
 
 
 def around(distances: np.ndarray, rng: np.random.Generator) -> Poses:
@@ -64,16 +78,16 @@ def seen(interior: Interior, stations: Poses, xyz: np.ndarray, sigma_px: float) 
     px = project(interior, stations[station], xyz[point])
     m = s * n
     rows = Observations(
-        tuple(f"s{k}" for k in range(s)),
-        station,
-        px,
-        np.tile(sigma_px**2 * np.eye(2), (m, 1, 1)),
-        np.tile(np.eye(2), (m, 1, 1)),
-        point + 1,
-        np.full(m, -1),
-        np.full(m, -1),
-        np.ones(m),
-        np.full(m, MEASURED, object),
+        stations=tuple(f"s{k}" for k in range(s)),
+        station=station,
+        xy_px=px,
+        cov_px2=np.tile(sigma_px**2 * np.eye(2), (m, 1, 1)),
+        moments_px2=np.tile(np.eye(2), (m, 1, 1)),
+        code=point + 1,
+        board=np.full(m, -1),
+        point=np.full(m, -1),
+        chi2=np.ones(m),
+        status=np.full(m, MEASURED, object),
         centre_of_disc=False,
     )
     return rows, Field(14, (), (), {k + 1: 10.0 for k in range(n)})

@@ -62,19 +62,19 @@ def as_calibration(found: Adjustment) -> Calibration:
     network = found.network
     stations = tuple(f"s{k}" for k in range(len(network.stations)))
     return Calibration(
-        "test",
-        network.interior,
-        stations,
-        network.stations,
-        ("board",),
-        network.boards,
-        1.0,
-        found.covariance,
-        tuple(names(network)),
-        found.sigma0,
-        found.freedom,
-        0.0,
-        len(network.xy_px),
+        method="test",
+        interior=network.interior,
+        station_names=stations,
+        stations=network.stations,
+        board_names=("board",),
+        boards=network.boards,
+        scale=1.0,
+        covariance=found.covariance,
+        labels=tuple(names(network)),
+        sigma0=found.sigma0,
+        freedom=found.freedom,
+        reprojection_rms_px=0.0,
+        used=len(network.xy_px),
         residual_at_px=network.xy_px,
         residual_px=found.residual_px,
     )
@@ -204,5 +204,11 @@ def test_stated_uncertainty_is_true_whatever_the_lens_does_beside_its_model(kind
 
 
 NO_POINTS = Points(
-    "none", np.zeros(0, int), np.zeros((0, 3)), np.zeros((0, 0)), np.zeros(0, int), np.zeros(0), np.zeros(0, int)
+    method="none",
+    code=np.zeros(0, int),
+    xyz_mm=np.zeros((0, 3)),
+    cov_xyz_mm2=np.zeros((0, 0)),
+    rays=np.zeros(0, int),
+    residual_rms_px=np.zeros(0),
+    rejected=np.zeros(0, int),
 )

@@ -137,7 +137,17 @@ def test_a_row_of_the_check_points_table_is_in_millimetres_and_micrometres() -> 
     """Errors of metres show a factor that is wrong by a thousandth."""
     error, u = np.array([[1.0, 2, 2], [-30, 40, 120]]), np.array([[7.0, 8, 9], [10, 11, 12]])
     true = np.array([[1.5, 2.5, 3.5], [4.5, 5.5, 6.5]])
-    score = PointScore(np.array([8, 9]), true, error, error, np.diag(u.ravel() ** 2), 1.0, 1.0, 5000.0, 2)
+    score = PointScore(
+        code=np.array([8, 9]),
+        true_mm=true,
+        error_mm=error,
+        fitted_mm=error,
+        cov_mm2=np.diag(u.ravel() ** 2),
+        anees=1.0,
+        anees_fitted=1.0,
+        diagonal_mm=5000.0,
+        expected=2,
+    )
     assert np.array(_check_rows(score)) == pytest.approx(
         np.array(
             [

@@ -57,20 +57,20 @@ def scene(
     image, point = (v.ravel() for v in np.meshgrid(np.arange(stations), np.arange(points), indexing="ij"))
     m = len(image)
     network = Network(
-        (Camera.of(camera),),
-        camera_from_world,
-        Images.one_camera(stations),
-        Poses.identity(0),
-        (),
-        xyz,
-        np.full(points, -1),
-        xyz,
-        np.zeros((points, 3, 3)),
-        image,
-        point,
-        np.zeros((m, 2)),
-        np.tile(SIGMA_PX**2 * np.eye(2), (m, 1, 1)),
-        np.zeros((m, 2)),
+        cameras=(Camera.of(camera),),
+        stations=camera_from_world,
+        images=Images.one_camera(stations),
+        boards=Poses.identity(0),
+        ways=(),
+        point_mm=xyz,
+        point_board=np.full(points, -1),
+        known_mm=xyz,
+        information=np.zeros((points, 3, 3)),
+        image=image,
+        point=point,
+        xy_px=np.zeros((m, 2)),
+        cov_px2=np.tile(SIGMA_PX**2 * np.eye(2), (m, 1, 1)),
+        offset_px=np.zeros((m, 2)),
     )
     xy = predict(network)
     return replace(network, xy_px=xy).take(((xy > 0) & (xy < [4095, 2999])).all(axis=1))
@@ -83,7 +83,14 @@ def ties_of(truth: Network, noise_px: float = 0.0, seed: int = 0) -> Ties:
     names = tuple(f"s{k}" for k in range(len(truth.stations)))
     shapeless = np.full((m, 2, 2), np.nan)
     return Ties(
-        names, 1 + np.arange(len(truth.point_mm)), truth.image, truth.point, xy, truth.cov_px2, shapeless, np.arange(m)
+        stations=names,
+        code=1 + np.arange(len(truth.point_mm)),
+        image=truth.image,
+        point=truth.point,
+        xy_px=xy,
+        cov_px2=truth.cov_px2,
+        moments_px2=shapeless,
+        row=np.arange(m),
     )
 
 

@@ -36,19 +36,19 @@ def _truth(world: World, moved: Poses | None = None) -> Calibration:
     _, boards = true_in_datum(world, names)
     labels = tuple(f"board:{n}.{axis}" for n in names[1:] for axis in ("rx", "ry", "rz", "tx", "ty", "tz"))
     return Calibration(
-        "true",
-        world.interior,
-        world.station_name,
-        world.camera_from_world,
-        names,
-        moved or boards,
-        1.0,
-        np.diag(np.tile([1e-10] * 3 + [1e-4] * 3, len(names) - 1)),
-        labels,
-        1.0,
-        1,
-        0.0,
-        0,
+        method="true",
+        interior=world.interior,
+        station_names=world.station_name,
+        stations=world.camera_from_world,
+        board_names=names,
+        boards=moved or boards,
+        scale=1.0,
+        covariance=np.diag(np.tile([1e-10] * 3 + [1e-4] * 3, len(names) - 1)),
+        labels=labels,
+        sigma0=1.0,
+        freedom=1,
+        reprojection_rms_px=0.0,
+        used=0,
     )
 
 

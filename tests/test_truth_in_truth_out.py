@@ -52,16 +52,16 @@ def observe(world: World, views: Views, discs: bool, shift_px: float = 0.0) -> O
         world.marks.diameter_mm[mark] / 2,
     )
     return Observations(
-        world.station_name,
-        station,
-        px,
-        np.tile(1e-4 * np.eye(2), (n, 1, 1)),
-        image.moments_px2,
-        world.marks.code[mark],
-        world.marks.board[mark],
-        world.marks.point[mark],
-        np.ones(n),
-        np.full(n, MEASURED, object),
+        stations=world.station_name,
+        station=station,
+        xy_px=px,
+        cov_px2=np.tile(1e-4 * np.eye(2), (n, 1, 1)),
+        moments_px2=image.moments_px2,
+        code=world.marks.code[mark],
+        board=world.marks.board[mark],
+        point=world.marks.point[mark],
+        chi2=np.ones(n),
+        status=np.full(n, MEASURED, object),
         centre_of_disc=discs,
     )
 

@@ -65,17 +65,17 @@ def views(camera: Interior, marks: np.ndarray, count: int = 6, seed: int = 0) ->
         point, n = np.flatnonzero(inside), int(inside.sum())
         parts.append(
             Observations(
-                (f"s{len(poses)}",),
-                np.zeros(n, int),
-                xy[inside],
-                np.tile(SIGMA_PX**2 * np.eye(2), (n, 1, 1)),
-                np.tile(9.0 * np.eye(2), (n, 1, 1)),
-                1 + point,
-                np.zeros(n, int),
-                point,
-                np.ones(n),
-                np.full(n, MEASURED, object),
-                False,
+                stations=(f"s{len(poses)}",),
+                station=np.zeros(n, int),
+                xy_px=xy[inside],
+                cov_px2=np.tile(SIGMA_PX**2 * np.eye(2), (n, 1, 1)),
+                moments_px2=np.tile(9.0 * np.eye(2), (n, 1, 1)),
+                code=1 + point,
+                board=np.zeros(n, int),
+                point=point,
+                chi2=np.ones(n),
+                status=np.full(n, MEASURED, object),
+                centre_of_disc=False,
             )
         )
         poses.append((turn, shift))

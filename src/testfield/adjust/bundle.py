@@ -136,15 +136,15 @@ def _adjust(
         network = aligned(network, start.point_mm[loose], loose, free == 7) if free else network
     cov = Covariance(network, equations, inverse, own, ways, loose)
     return Adjustment(
-        network,
-        cov,
-        equations,
-        _residuals(network),
-        weight,
-        _chi2(network, whitening, weight),
-        _freedom(network, equations.size, ways[0].shape[1]),
-        steps,
-        converged,
+        network=network,
+        cov=cov,
+        equations=equations,
+        residual_px=_residuals(network),
+        weight=weight,
+        chi2=_chi2(network, whitening, weight),
+        freedom=_freedom(network, equations.size, ways[0].shape[1]),
+        steps=steps,
+        converged=converged,
     )
 
 

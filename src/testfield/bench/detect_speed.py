@@ -125,14 +125,40 @@ def image_of(columns: int, rows: int, width_px: int, height_px: int) -> tuple[Fr
     n = len(px)
     zero = np.zeros(n, int)
     code = np.where(np.arange(n) % CODE_EVERY == 0, 1 + np.arange(n) % 516, 0)
-    marks = TrueMarks(zero, px * [1, -1], np.full(n, DIAMETER_PX), code, zero + BOARD, zero, np.arange(n))
+    marks = TrueMarks(
+        panel=zero,
+        xy_mm=px * [1, -1],
+        diameter_mm=np.full(n, DIAMETER_PX),
+        code=code,
+        role=zero + BOARD,
+        board=zero,
+        point=np.arange(n),
+    )
     size = np.array([[width_px * 1.2, height_px * 1.2]])
-    panels = Panels(("board",), Poses.identity(1), size, np.array([0.04]), np.array([0.85]))
+    panels = Panels(
+        name=("board",),
+        world_from_panel=Poses.identity(1),
+        size_mm=size,
+        ground_albedo=np.array([0.04]),
+        ink_albedo=np.array([0.85]),
+    )
     middle = np.array([(width_px - 1) / 2, (height_px - 1) / 2])
     interior = Interior(width_px, height_px, np.array([focal, focal, *middle, 0, 0, 0, 0, 0]))
     pose = Poses(np.diag([1.0, -1, -1])[None], np.array([[0, 0, focal]]))
     world = World(
-        "speed", 1, 2500.0, panels, marks, Poses.identity(1), ("s",), pose, interior, 0.6, (), 0.0, Field(BITS, ())
+        name="speed",
+        seed=1,
+        field_diagonal_mm=2500.0,
+        panels=panels,
+        marks=marks,
+        world_from_board=Poses.identity(1),
+        station_name=("s",),
+        camera_from_world=pose,
+        interior=interior,
+        psf_sigma_px=0.6,
+        lights=(),
+        ambient_radiance=0.0,
+        field=Field(BITS, ()),
     )
     sensor = Sensor(3.45, 8.0, 1.0, 550.0, 0.6, 1e5, 2.3, 2.6, 64.0, 12)
     radiance = render_fast(build_stage(world), Irradiance.even(1, np.pi), 0, 3)

@@ -124,9 +124,21 @@ def _world(case: Case, seed: int) -> World:
         seed=seed,
         field_diagonal_mm=DISTANCE_MM,
         panels=Panels(
-            ("board",), Poses(R[None], middle[None]), np.full((1, 2), largest_mm), np.array([GROUND]), np.array([INK])
+            name=("board",),
+            world_from_panel=Poses(R[None], middle[None]),
+            size_mm=np.full((1, 2), largest_mm),
+            ground_albedo=np.array([GROUND]),
+            ink_albedo=np.array([INK]),
         ),
-        marks=TrueMarks(zero, xy_mm, case.diameter_px * depth / FOCAL_PX, code, np.full(n, CHECK), none, none),
+        marks=TrueMarks(
+            panel=zero,
+            xy_mm=xy_mm,
+            diameter_mm=case.diameter_px * depth / FOCAL_PX,
+            code=code,
+            role=np.full(n, CHECK),
+            board=none,
+            point=none,
+        ),
         world_from_board=Poses.identity(0),
         station_name=("station",),
         camera_from_world=pose,

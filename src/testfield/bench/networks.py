@@ -35,20 +35,20 @@ def free_network(images: int, points: int, rays: int | None = None, seed: int = 
     m = len(image)
     free = np.array([name != "k3" for name in CAMERA.names])
     network = Network(
-        (Camera.of(CAMERA, free),),
-        stations,
-        Images.one_camera(images),
-        Poses.identity(0),
-        (),
-        xyz,
-        np.full(points, -1),
-        xyz,
-        np.zeros((points, 3, 3)),
-        image,
-        point,
-        np.zeros((m, 2)),
-        np.tile(SIGMA_PX**2 * np.eye(2), (m, 1, 1)),
-        np.zeros((m, 2)),
+        cameras=(Camera.of(CAMERA, free),),
+        stations=stations,
+        images=Images.one_camera(images),
+        boards=Poses.identity(0),
+        ways=(),
+        point_mm=xyz,
+        point_board=np.full(points, -1),
+        known_mm=xyz,
+        information=np.zeros((points, 3, 3)),
+        image=image,
+        point=point,
+        xy_px=np.zeros((m, 2)),
+        cov_px2=np.tile(SIGMA_PX**2 * np.eye(2), (m, 1, 1)),
+        offset_px=np.zeros((m, 2)),
     )
     truth = replace(network, xy_px=predict(network))
     start = replace(
@@ -75,20 +75,20 @@ def one_board(images: int, columns: int, rows: int, seed: int = 1) -> Network:
     image, point = (v.ravel() for v in np.meshgrid(np.arange(images), np.arange(n), indexing="ij"))
     m = len(image)
     network = Network(
-        (Camera.of(CAMERA),),
-        stations,
-        Images.one_camera(images),
-        Poses.identity(1),
-        (HELD,),
-        board,
-        np.zeros(n, int),
-        board,
-        information_of(np.zeros((n, 3))),
-        image,
-        point,
-        np.zeros((m, 2)),
-        np.tile(SIGMA_PX**2 * np.eye(2), (m, 1, 1)),
-        np.zeros((m, 2)),
+        cameras=(Camera.of(CAMERA),),
+        stations=stations,
+        images=Images.one_camera(images),
+        boards=Poses.identity(1),
+        ways=(HELD,),
+        point_mm=board,
+        point_board=np.zeros(n, int),
+        known_mm=board,
+        information=information_of(np.zeros((n, 3))),
+        image=image,
+        point=point,
+        xy_px=np.zeros((m, 2)),
+        cov_px2=np.tile(SIGMA_PX**2 * np.eye(2), (m, 1, 1)),
+        offset_px=np.zeros((m, 2)),
     )
     return replace(network, xy_px=predict(network) + SIGMA_PX * rng.standard_normal((m, 2)))
 

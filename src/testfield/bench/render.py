@@ -103,13 +103,33 @@ def _view_seconds(targets: int, width_px: int, height_px: int) -> float:
     xy = np.stack(np.meshgrid(grid * 1900, grid * 1400), -1).reshape(-1, 2)[:targets]
     n = len(xy)
     zero = np.zeros(n, int)
-    panels = Panels(("A",), Poses.identity(1), np.array([[2000.0, 1500.0]]), np.array([0.04]), np.array([0.85]))
-    marks = TrueMarks(zero, xy, np.full(n, 14.0), zero, zero + BOARD, zero, np.arange(n))
+    panels = Panels(
+        name=("A",),
+        world_from_panel=Poses.identity(1),
+        size_mm=np.array([[2000.0, 1500.0]]),
+        ground_albedo=np.array([0.04]),
+        ink_albedo=np.array([0.85]),
+    )
+    marks = TrueMarks(
+        panel=zero, xy_mm=xy, diameter_mm=np.full(n, 14.0), code=zero, role=zero + BOARD, board=zero, point=np.arange(n)
+    )
     focal = 1.5 * width_px
     camera = Interior(width_px, height_px, np.array([focal, focal, width_px / 2, height_px / 2, -0.1, 0.05, 0, 0, 0]))
     pose = Poses(np.diag([1.0, -1, -1])[None], np.array([[0, 0, 3000.0]]))
     world = World(
-        "growth", 1, 2500.0, panels, marks, Poses.identity(1), ("s",), pose, camera, 0.6, (), 1.0, Field(14, ())
+        name="growth",
+        seed=1,
+        field_diagonal_mm=2500.0,
+        panels=panels,
+        marks=marks,
+        world_from_board=Poses.identity(1),
+        station_name=("s",),
+        camera_from_world=pose,
+        interior=camera,
+        psf_sigma_px=0.6,
+        lights=(),
+        ambient_radiance=1.0,
+        field=Field(14, ()),
     )
     stage, light = build_stage(world), Irradiance.even(1, np.pi)
     render_fast(stage, light, 0, CELLS)

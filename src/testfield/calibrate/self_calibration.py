@@ -139,16 +139,16 @@ def free_network(
     network, _ = free_what_is_determined(network, ties.stations, hold, names)
     datum = in_datum(network, ties, certified or Certified(), images_of)
     job = Job(
-        datum.network,
-        ties,
-        datum.radius_mm,
-        datum.scale_from,
-        (),
-        tuple(said) + datum.notes,
-        datum.usable,
-        shared,
-        _not_used(certified or Certified(), datum.scale_from),
-        imaging,
+        network=datum.network,
+        ties=ties,
+        radius_mm=datum.radius_mm,
+        scale_from=datum.scale_from,
+        rejected=(),
+        notes=tuple(said) + datum.notes,
+        certified=datum.usable,
+        shared=shared,
+        failures=_not_used(certified or Certified(), datum.scale_from),
+        imaging=imaging,
     )
     return settled(job, hold, empirical, misfit)
 

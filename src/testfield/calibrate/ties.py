@@ -80,7 +80,14 @@ def coded_ties(observations: Observations, codes: np.ndarray | None = None) -> t
     moments = rows.moments_px2[here] if rows.centre_of_disc else np.full((len(here), 2, 2), np.nan)
     return (
         Ties(
-            rows.stations, code, rows.station[here], point, rows.xy_px[here], rows.cov_px2[here], moments, number[here]
+            stations=rows.stations,
+            code=code,
+            image=rows.station[here],
+            point=point,
+            xy_px=rows.xy_px[here],
+            cov_px2=rows.cov_px2[here],
+            moments_px2=moments,
+            row=number[here],
         ),
         notes,
     )

@@ -112,7 +112,9 @@ def squared(world: World, seed: int = 1) -> World:
         black[0, 0] = True
         prints.append(Print(k, Cells(lines[0], lines[1], black)))
     none = np.zeros(0, int)
-    marks = TrueMarks(none, np.zeros((0, 2)), np.zeros(0), none, none, none, none)
+    marks = TrueMarks(
+        panel=none, xy_mm=np.zeros((0, 2)), diameter_mm=np.zeros(0), code=none, role=none, board=none, point=none
+    )
     return replace(world, marks=marks, prints=tuple(prints))
 
 
@@ -236,11 +238,11 @@ def strewn(focal_px: float, height_px: int, seed: int = 1) -> World:
     offset = random.uniform(-0.05, 0.05, (n, 2)) * extent_mm[:, None]
     camera_from_world = Poses(rotation(np.array([[1.9, -0.4, 0.6]])), np.array([[20.0, -30.0, DISTANCE_MM]]))
     panels = Panels(
-        tuple(f"panel{k}" for k in range(n)),
-        camera_from_world.inverse()[np.zeros(n, int)].after(camera_from_panel),
-        2 * half_mm[:, None] * np.ones(2),
-        np.zeros(n),
-        np.ones(n),
+        name=tuple(f"panel{k}" for k in range(n)),
+        world_from_panel=camera_from_world.inverse()[np.zeros(n, int)].after(camera_from_panel),
+        size_mm=2 * half_mm[:, None] * np.ones(2),
+        ground_albedo=np.zeros(n),
+        ink_albedo=np.ones(n),
     )
     none = np.full(n, -1)
     return World(
@@ -248,7 +250,15 @@ def strewn(focal_px: float, height_px: int, seed: int = 1) -> World:
         seed=seed,
         field_diagonal_mm=DISTANCE_MM,
         panels=panels,
-        marks=TrueMarks(np.arange(n), offset, diameter_mm, code, np.full(n, CHECK), none, none),
+        marks=TrueMarks(
+            panel=np.arange(n),
+            xy_mm=offset,
+            diameter_mm=diameter_mm,
+            code=code,
+            role=np.full(n, CHECK),
+            board=none,
+            point=none,
+        ),
         world_from_board=Poses.identity(0),
         station_name=("station",),
         camera_from_world=camera_from_world,

@@ -116,16 +116,16 @@ class Targets:
     def observations(self, station: str, board: np.ndarray, point: np.ndarray) -> Observations:
         """As observations of one station, once the boards (n,) and points (n,) are known."""
         return Observations(
-            (station,),
-            np.zeros(len(self.code), int),
-            self.xy_px,
-            self.cov_px2,
-            self.moments_px2,
-            np.maximum(self.code, 0),
-            board,
-            point,
-            self.chi2,
-            self.status,
+            stations=(station,),
+            station=np.zeros(len(self.code), int),
+            xy_px=self.xy_px,
+            cov_px2=self.cov_px2,
+            moments_px2=self.moments_px2,
+            code=np.maximum(self.code, 0),
+            board=board,
+            point=point,
+            chi2=self.chi2,
+            status=self.status,
         )
 
 
@@ -238,18 +238,18 @@ def measure_targets(
     moments = np.where(centres.ok[:, None, None], centres.moments_px2, moments)
     one = first_rows(xy_px, _diameter(moments), code, status, centres.chi2)
     return Targets(
-        xy_px[one],
-        centres.cov_px2[one],
-        moments[one],
-        centres.chi2[one],
-        centres.misfit[one],
-        code[one],
-        affine[one],
-        status[one],
-        centres.background_dn[one],
-        centres.contrast_dn[one],
-        blobs.left_out,
-        {why: count for why, count in passed_over.items() if count},
+        xy_px=xy_px[one],
+        cov_px2=centres.cov_px2[one],
+        moments_px2=moments[one],
+        chi2=centres.chi2[one],
+        misfit=centres.misfit[one],
+        code=code[one],
+        affine=affine[one],
+        status=status[one],
+        background_dn=centres.background_dn[one],
+        contrast_dn=centres.contrast_dn[one],
+        left_out=blobs.left_out,
+        passed_over={why: count for why, count in passed_over.items() if count},
     )
 
 

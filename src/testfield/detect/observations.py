@@ -143,20 +143,20 @@ class Observations:
             return np.stack([np.stack([xx, xy], -1), np.stack([xy, yy], -1)], -2)
 
         return Observations(
-            notes["stations"],
-            np.array([number[name] for name in column["station"]], int),
-            np.column_stack([column["x_px"], column["y_px"]]),
-            symmetric("cov"),
-            symmetric("moment"),
-            column["code"],
-            column["board"],
-            column["point"],
-            column["chi2"],
-            column["status"],
-            notes["centre_of_disc"],
-            notes["cameras"],
-            notes["places"],
-            notes["times"],
+            stations=notes["stations"],
+            station=np.array([number[name] for name in column["station"]], int),
+            xy_px=np.column_stack([column["x_px"], column["y_px"]]),
+            cov_px2=symmetric("cov"),
+            moments_px2=symmetric("moment"),
+            code=column["code"],
+            board=column["board"],
+            point=column["point"],
+            chi2=column["chi2"],
+            status=column["status"],
+            centre_of_disc=notes["centre_of_disc"],
+            cameras=notes["cameras"],
+            places=notes["places"],
+            times=notes["times"],
         )
 
 

@@ -72,17 +72,17 @@ def _as_read(name: str, target: TargetSpec, found: Corners) -> Observations:
     n = len(found.code)
     covariance = np.tile(READ_PX[target.kind] ** 2 * np.eye(2), (n, 1, 1))
     return Observations(
-        (name,),
-        np.zeros(n, int),
-        found.xy_px.copy(),
-        covariance,
-        np.full((n, 2, 2), np.nan),
-        found.code,
-        np.full(n, -1),
-        found.point,
-        np.full(n, np.nan),
-        np.full(n, READ, dtype=object),
-        found.disc,
+        stations=(name,),
+        station=np.zeros(n, int),
+        xy_px=found.xy_px.copy(),
+        cov_px2=covariance,
+        moments_px2=np.full((n, 2, 2), np.nan),
+        code=found.code,
+        board=np.full(n, -1),
+        point=found.point,
+        chi2=np.full(n, np.nan),
+        status=np.full(n, READ, dtype=object),
+        centre_of_disc=found.disc,
     )
 
 

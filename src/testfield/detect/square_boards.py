@@ -277,18 +277,27 @@ def _observations(
     if point is None or fitted is None or xy_px is None or moments_px2 is None or status is None:
         none, nothing = np.zeros(0, int), np.zeros((0, 2, 2))
         return Observations(
-            (station,), none, np.zeros((0, 2)), nothing, nothing, none, none, none, np.zeros(0), np.zeros(0, object)
+            stations=(station,),
+            station=none,
+            xy_px=np.zeros((0, 2)),
+            cov_px2=nothing,
+            moments_px2=nothing,
+            code=none,
+            board=none,
+            point=none,
+            chi2=np.zeros(0),
+            status=np.zeros(0, object),
         )
     n = len(point)
     return Observations(
-        (station,),
-        np.zeros(n, int),
-        np.where(fitted.ok[:, None], fitted.xy_px, xy_px),
-        fitted.cov_px2,
-        moments_px2,
-        np.zeros(n, int),
-        np.full(n, board),
-        point,
-        fitted.chi2,
-        status,
+        stations=(station,),
+        station=np.zeros(n, int),
+        xy_px=np.where(fitted.ok[:, None], fitted.xy_px, xy_px),
+        cov_px2=fitted.cov_px2,
+        moments_px2=moments_px2,
+        code=np.zeros(n, int),
+        board=np.full(n, board),
+        point=point,
+        chi2=fitted.chi2,
+        status=status,
     )

@@ -152,7 +152,13 @@ def _measured(
     result = free_network(ties, *size_px, lens, hold, certified, focal_px, True, notes, misfit, imaging)
     result = with_dots(result, observations, hold, misfit)
     points = Points(
-        "self", result.code, result.xyz_mm, result.cov_xyz_mm2, result.rays, result.residual_rms_px, result.rejected
+        method="self",
+        code=result.code,
+        xyz_mm=result.xyz_mm,
+        cov_xyz_mm2=result.cov_xyz_mm2,
+        rays=result.rays,
+        residual_rms_px=result.residual_rms_px,
+        rejected=result.rejected,
     )
     place = {int(code): k for k, code in enumerate(result.code)}
     named = np.full(len(observations), -1)
@@ -193,14 +199,14 @@ def with_dots(
         return result
     sight, old = row[dots.sight], job.ties
     ties = Ties(
-        old.stations,
-        np.concatenate([old.code, -1 - np.arange(len(dots.point_mm))]),
-        np.concatenate([old.image, station[sight]]),
-        np.concatenate([old.point, len(old.code) + dots.dot]),
-        np.concatenate([old.xy_px, observations.xy_px[sight]]),
-        np.concatenate([old.cov_px2, observations.cov_px2[sight]]),
-        np.concatenate([old.moments_px2, observations.moments_px2[sight]]),
-        np.concatenate([old.row, sight]),
+        stations=old.stations,
+        code=np.concatenate([old.code, -1 - np.arange(len(dots.point_mm))]),
+        image=np.concatenate([old.image, station[sight]]),
+        point=np.concatenate([old.point, len(old.code) + dots.dot]),
+        xy_px=np.concatenate([old.xy_px, observations.xy_px[sight]]),
+        cov_px2=np.concatenate([old.cov_px2, observations.cov_px2[sight]]),
+        moments_px2=np.concatenate([old.moments_px2, observations.moments_px2[sight]]),
+        row=np.concatenate([old.row, sight]),
     )
     network, n = job.network, len(dots.point_mm)
     wider = replace(

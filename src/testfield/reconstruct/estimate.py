@@ -79,7 +79,15 @@ class Estimate:
         joint = self.by_calibration @ covariance @ self.by_calibration.T
         blocks = joint.reshape(n, 3, n, 3)
         blocks[np.arange(n), :, np.arange(n)] += self.own
-        return Points(name, self.code, self.xyz_mm, joint, self.rays, self.residual_rms_px, self.rejected)
+        return Points(
+            method=name,
+            code=self.code,
+            xyz_mm=self.xyz_mm,
+            cov_xyz_mm2=joint,
+            rays=self.rays,
+            residual_rms_px=self.residual_rms_px,
+            rejected=self.rejected,
+        )
 
 
 def reconstruct(observations: Observations, calibration: Calibration, field: Field, method: Method) -> Points:
@@ -111,13 +119,13 @@ def estimate_of(solved: Solved, sights: Sights, calibration: Calibration) -> Est
     unit[np.arange(len(unit)), calibration.point_unknowns(taken.code)] = 1
     flat = np.concatenate([by_calibration, unit]).reshape(len(code), 3, len(calibration.labels))[order]
     return Estimate(
-        code[order],
-        np.concatenate([solved.xyz_mm, at])[order],
-        np.concatenate([own, np.zeros((len(at), 3, 3))])[order],
-        flat.reshape(3 * len(code), len(calibration.labels)),
-        np.concatenate([solved.sights.rays, taken.rays])[order],
-        np.concatenate([_rms(solved.sights, solved.rays), _rms(taken, rays)])[order],
-        np.concatenate([solved.rejected, np.zeros(len(at), int)])[order],
+        code=code[order],
+        xyz_mm=np.concatenate([solved.xyz_mm, at])[order],
+        own=np.concatenate([own, np.zeros((len(at), 3, 3))])[order],
+        by_calibration=flat.reshape(3 * len(code), len(calibration.labels)),
+        rays=np.concatenate([solved.sights.rays, taken.rays])[order],
+        residual_rms_px=np.concatenate([_rms(solved.sights, solved.rays), _rms(taken, rays)])[order],
+        rejected=np.concatenate([solved.rejected, np.zeros(len(at), int)])[order],
     )
 
 

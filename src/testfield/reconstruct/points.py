@@ -77,13 +77,13 @@ class Points:
         if np.abs(xyz).max(initial=0) > LARGEST_MM:
             raise ValueError(f"coordinates are beyond {LARGEST_MM:g} mm")
         return Points(
-            notes["method"],
-            column["code"],
-            xyz,
-            covariance(rows, "cov_rows_mm2", 3 * n),
-            column["rays"],
-            column["residual_rms_px"],
-            column["rejected"],
+            method=notes["method"],
+            code=column["code"],
+            xyz_mm=xyz,
+            cov_xyz_mm2=covariance(rows, "cov_rows_mm2", 3 * n),
+            rays=column["rays"],
+            residual_rms_px=column["residual_rms_px"],
+            rejected=column["rejected"],
         )
 
 

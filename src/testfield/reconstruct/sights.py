@@ -155,14 +155,14 @@ def _rays_by(camera: int, sights: Sights, calibration: Calibration, xyz_mm: np.n
     # Measured from the present point, so that nothing is lost in large coordinates.
     misclosure = np.einsum("nkij,nkj->nki", lines, poses.origin_mm[sights.station] - xyz_mm[:, None, :])
     return Rays(
-        lines,
-        depth,
-        np.where(keep, to_line, 0),
-        np.where(keep, by_place @ R, 0),
-        np.where(keep, by_calibration, 0),
-        np.where(good[..., None], residual, 0),
-        misclosure,
-        np.where(good[..., None], plane, 0),
+        lines=lines,
+        depth_mm=depth,
+        to_line=np.where(keep, to_line, 0),
+        by_point=np.where(keep, by_place @ R, 0),
+        by_calibration=np.where(keep, by_calibration, 0),
+        residual_px=np.where(good[..., None], residual, 0),
+        misclosure=misclosure,
+        plane=np.where(good[..., None], plane, 0),
     )
 
 

@@ -131,7 +131,14 @@ def build_stage(world: World, flash_at: int | None = None) -> Stage:
     if world.panels.bent.any():
         texture.bent = BentPanels(world.panels)
     bodies = tuple(numbers[f"mesh{k:05d}"] for k in range(len(world.meshes)))
-    stage = Stage(world, scene, texture, materials, mi.UInt32(is_panel), bodies)
+    stage = Stage(
+        world=world,
+        scene=scene,
+        texture=texture,
+        materials=materials,
+        panel_shape=mi.UInt32(is_panel),
+        mesh_numbers=bodies,
+    )
     if not world.motion.target.moves:
         return stage
     # Lamps and the room's surfaces stand still; all else carries marks, or moves with what does.

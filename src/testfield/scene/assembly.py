@@ -104,7 +104,17 @@ def panels_of(parts: Assembly, carried: int) -> Panels:
     ground, ink, curvature, axis, made_of = (np.array(column) for column in rest)
     of_room = np.arange(len(name)) >= carried
     poses, kinds = Poses(np.array(R), np.array(t)), made_of if made_of.any() else None
-    return Panels(name, poses, np.array(size, float), ground, ink, curvature, axis, of_room, kinds)
+    return Panels(
+        name=name,
+        world_from_panel=poses,
+        size_mm=np.array(size, float),
+        ground_albedo=ground,
+        ink_albedo=ink,
+        curvature_per_mm=curvature,
+        bend_axis_rad=axis,
+        of_room=of_room,
+        ink=kinds,
+    )
 
 
 def marks_of(parts: Assembly, radii: RingRadii) -> TrueMarks:
@@ -112,13 +122,13 @@ def marks_of(parts: Assembly, radii: RingRadii) -> TrueMarks:
     panel, xy, diameter, *rest = zip(*parts.marks, strict=True)
     code, role, board, point, corner = (np.array(v, int) for v in rest)
     return TrueMarks(
-        np.array(panel),
-        np.array(xy, float),
-        np.array(diameter, float),
-        code,
-        role,
-        board,
-        point,
-        radii,
-        corner.astype(bool),
+        panel=np.array(panel),
+        xy_mm=np.array(xy, float),
+        diameter_mm=np.array(diameter, float),
+        code=code,
+        role=role,
+        board=board,
+        point=point,
+        radii=radii,
+        corner=corner.astype(bool),
     )

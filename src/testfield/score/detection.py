@@ -107,18 +107,18 @@ def score_detection(world: World, views: Views, observations: Observations) -> D
         else error
     )
     return DetectionScore(
-        station[index],
-        mark,
-        index,
-        error,
-        (white**2).sum(axis=1),
-        expected,
-        found,
-        _why_missed(expected & ~found, true_px, views, observations, station),
-        np.array(wrong_code, int),
-        np.array(wrong_dot, int),
-        np.array(false, int),
-        dirty,
+        station=station[index],
+        mark=mark,
+        row=index,
+        error_px=error,
+        nees=(white**2).sum(axis=1),
+        expected=expected,
+        found=found,
+        missed=_why_missed(expected & ~found, true_px, views, observations, station),
+        wrong_code=np.array(wrong_code, int),
+        wrong_dot=np.array(wrong_dot, int),
+        false=np.array(false, int),
+        dirty=dirty,
     )
 
 

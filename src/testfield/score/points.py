@@ -97,16 +97,16 @@ def score_points(world: World, calibration: Calibration, points: Points) -> Poin
         if free:
             error, covariance = fitted, reduced
     return PointScore(
-        points.code[rows],
-        true,
-        error,
-        fitted,
-        covariance,
-        anees,
-        anees_fitted,
-        world.field_diagonal_mm,
-        len(truth),
-        free,
+        code=points.code[rows],
+        true_mm=true,
+        error_mm=error,
+        fitted_mm=fitted,
+        cov_mm2=covariance,
+        anees=anees,
+        anees_fitted=anees_fitted,
+        diagonal_mm=world.field_diagonal_mm,
+        expected=len(truth),
+        free=free,
     )
 
 

@@ -45,16 +45,16 @@ def draw_observations(scene: SceneFile, world: World, views: Views, seed: int) -
     )
     error = np.einsum("nij,nj->ni", np.linalg.cholesky(cov), z)
     return Observations(
-        world.station_name,
-        station,
-        views.disc_px[station, mark] + error,
-        cov,
-        image.moments_px2,
-        world.marks.code[mark],
-        world.marks.board[mark],
-        world.marks.point[mark],
-        np.ones(len(mark)),
-        np.full(len(mark), MEASURED, object),
+        stations=world.station_name,
+        station=station,
+        xy_px=views.disc_px[station, mark] + error,
+        cov_px2=cov,
+        moments_px2=image.moments_px2,
+        code=world.marks.code[mark],
+        board=world.marks.board[mark],
+        point=world.marks.point[mark],
+        chi2=np.ones(len(mark)),
+        status=np.full(len(mark), MEASURED, object),
     )
 
 
