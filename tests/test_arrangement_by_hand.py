@@ -14,7 +14,8 @@ from testfield.report.accept import accept_page, sentence
 from testfield.scene.load import load_scene
 from testfield.scene.schema import SceneFile
 from testfield.scene.world import CHECK, Panels, TrueMarks, World
-from testfield.score.acceptance import acceptance, arrangement
+from testfield.score.acceptance import acceptance
+from testfield.score.arrangement import arrangement
 from testfield.score.length_test import Limit
 from testfield.targets.field import MeasuringLine
 

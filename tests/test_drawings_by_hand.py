@@ -15,7 +15,8 @@ from hand_made import HandMade
 from testfield.calibrate.calibration import Calibration
 from testfield.calibrate.certified import Certified
 from testfield.detect.observations import MEASURED, Observations
-from testfield.measure.photographs import Measurement, _lengths
+from testfield.measure.certified import lengths_of
+from testfield.measure.photographs import Measurement
 from testfield.reconstruct.points import Points
 from testfield.report import accept, measured
 from testfield.report.accept import MOST_DRAWN, envelopes, errors_over_length, plan_of_lengths
@@ -146,7 +147,7 @@ def test_of_many_lengths_only_the_worst_are_drawn(by_hand: HandMade, axes_of: Dr
 def result_of(by_hand: HandMade, points: Points) -> Measurement:
     o = by_hand.observations
     o = replace(o, point=np.where(o.status == MEASURED, 0, -1))
-    found, _ = _lengths(Certified(by_hand.world.field.scale_bars, {}, {}), points, set(), "distances")
+    found, _ = lengths_of(Certified(by_hand.world.field.scale_bars, {}, {}), points, set(), "distances")
     return Measurement(o, by_hand.calibration, points, found, "by hand")
 
 

@@ -19,9 +19,10 @@ from testfield.bench.scatter import figures as scatter
 from testfield.calibrate.certified import Certified
 from testfield.cli.uncertainty import _show
 from testfield.detect.centre import Centres
-from testfield.detect.detect import Targets
 from testfield.detect.observations import MEASURED
-from testfield.measure.photographs import Measurement, _lengths
+from testfield.detect.targets import Targets
+from testfield.measure.certified import lengths_of
+from testfield.measure.photographs import Measurement
 from testfield.report.measured import write_measurement
 from testfield.score.align import aligned_covariance, rigid_basis
 from testfield.study.page import as_html
@@ -39,7 +40,7 @@ def measured(by_hand: HandMade, tmp_path_factory: pytest.TempPathFactory) -> tup
     """The folder of a measurement of the hand-made field, of which one point has no code, and its summary."""
     folder = tmp_path_factory.mktemp("measured")
     points = replace(by_hand.points, code=np.where(by_hand.points.code == 37, -1, by_hand.points.code))
-    lengths, notes = _lengths(Certified(by_hand.world.field.scale_bars, {}, {}), points, set(), "distances")
+    lengths, notes = lengths_of(Certified(by_hand.world.field.scale_bars, {}, {}), points, set(), "distances")
     assert len(notes) == 1 and "check three" in notes[0]
     o = by_hand.observations
     o = replace(o, point=np.where(o.status == MEASURED, 0, -1))

@@ -24,7 +24,8 @@ from testfield.detect.observations import MEASURED, Observations
 from testfield.detect.photograph import Found
 from testfield.detect.target_spec import TargetSpec, parse_target
 from testfield.errors import TestfieldError
-from testfield.measure.photographs import certified_of, measure, with_dots
+from testfield.measure.certified import certified_of
+from testfield.measure.photographs import measure, with_dots
 from testfield.reconstruct.points import Points
 from testfield.reconstruct.uncoded import match_dots
 from testfield.score.align import rigid_fit

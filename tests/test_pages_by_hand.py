@@ -12,7 +12,8 @@ from hand_made import HandMade, Page
 
 from testfield.camera.images import Frame, SensorSheet
 from testfield.camera.pose import Poses
-from testfield.measure.photographs import Length, Measurement
+from testfield.measure.certified import Length
+from testfield.measure.photographs import Measurement
 from testfield.report.measured import _figures
 from testfield.report.page import write_report
 from testfield.scene.load import load_scene

@@ -22,7 +22,7 @@ from testfield.registry import find
 from testfield.scene.frames import camera_looking
 from testfield.seeds import generator
 from testfield.targets.field import Field
-from testfield_studies.wls.experiment import law, normal_claim
+from testfield_studies.wls.claims import law, normal_claim
 
 HAS_COLMAP = importlib.util.find_spec("pycolmap") is not None
 METHODS = (

@@ -10,9 +10,10 @@ from testfield.camera.interior import Interior
 from testfield.camera.pose import Poses, rotation
 from testfield.certify.reference import ink_in_pixels
 from testfield.detect import detect
-from testfield.detect.detect import Targets, measure_targets
+from testfield.detect.detect import measure_targets
 from testfield.detect.observations import MEASURED
 from testfield.detect.ring_pixels import bright_segments, ring_in_pixels, ring_nodes
+from testfield.detect.targets import Targets
 from testfield.targets.marks import RADII
 from testfield.targets.ring_code import code_words, repeats, word_of_number
 

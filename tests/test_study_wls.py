@@ -32,6 +32,7 @@ from testfield.study.page import as_html, drawn, write_page
 from testfield.study.study import Extent, run_study
 from testfield_studies.truth import exact_calibration
 from testfield_studies.wls.cells import cells, told
+from testfield_studies.wls.claims import law
 from testfield_studies.wls.experiment import (
     EXPOSURES,
     KEPT_ERRORS,
@@ -39,7 +40,6 @@ from testfield_studies.wls.experiment import (
     camera_sets,
     cases,
     compared,
-    law,
     observations_of,
     scored,
 )

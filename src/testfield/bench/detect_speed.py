@@ -13,8 +13,9 @@ from scipy.spatial import cKDTree
 from testfield.camera.images import Frame
 from testfield.camera.interior import Interior
 from testfield.camera.pose import Poses
-from testfield.detect.detect import Targets, measure_targets
+from testfield.detect.detect import measure_targets
 from testfield.detect.observations import MEASURED
+from testfield.detect.targets import Targets
 from testfield.registry import find
 from testfield.render.fast import render_fast
 from testfield.render.irradiance import Irradiance

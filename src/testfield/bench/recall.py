@@ -10,8 +10,9 @@ import numpy as np
 from testfield.bench.clutter import ClutteredView, cluttered_view
 from testfield.bench.clutter_world import SENSOR
 from testfield.camera.images import Frame
-from testfield.detect.detect import Targets, bright_marks, measure_targets
+from testfield.detect.detect import bright_marks, measure_targets
 from testfield.detect.observations import MEASURED
+from testfield.detect.targets import Targets
 from testfield.evaluate.check import Check, Limit
 from testfield.render.fast import render_fast
 from testfield.render.stage import build_stage

@@ -6,19 +6,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import field_validator
 
 from testfield.calibrate.calibration_check import what_cannot_be
+from testfield.calibrate.calibration_file import CalibrationFile, PoseTable
 from testfield.camera.interior import Interior
 from testfield.camera.pose import Poses
 from testfield.errors import TestfieldError, speaking
 from testfield.store.sheets import (
     FORMAT,
-    Count,
-    Finite,
-    OpenSheet,
-    Positive,
-    Sheet,
     array,
     checked,
     covariance,
@@ -150,7 +145,7 @@ class Calibration:
         """Read what `save` wrote. Raises `TestfieldError` where types, names, shapes or numbers are not such."""
         data = read_json(path)
         arrays = {key: data.pop(key, []) if key in SEVERAL else data.pop(key) for key in ARRAYS}
-        file = checked(_File, data)
+        file = checked(CalibrationFile, data)
         if unknown := set(data) - {f.name for f in fields(Calibration)}:
             raise ValueError(f"{min(unknown)}: no such part")
         P, points = len(file.labels), len(arrays["point_code"])
@@ -176,84 +171,6 @@ class Calibration:
         if wrong := what_cannot_be(found):
             raise TestfieldError(wrong, str(path), "make it again, or mend what was edited")
         return found
-
-
-class _Pose(Sheet):
-    R: list[list[Finite]]
-    t_mm: list[Finite]
-
-
-class _Rejected(OpenSheet):
-    station: str
-    board: str
-    x_px: float
-    y_px: float
-    sigmas: float | None
-
-
-class _Joint(OpenSheet):
-    station: str
-    board: str
-    marks: Count
-    rms_px: float | None
-    redundancy: float | None
-
-
-class _BoardQuality(OpenSheet):
-    board: str
-    u_position_mm: float | None
-    u_turn_mrad: float | None
-    images: Count
-    links: Count | None
-
-
-class _Test(OpenSheet):
-    variance: float
-    low: float
-    high: float
-    freedom: int
-    passed: bool
-    contradict: int
-    contradict_at_most: int
-    least_redundancy: float
-    uncontrolled: int
-    detectable_px: float
-
-
-class _Rig(OpenSheet):
-    rig: str
-    camera: str
-    turn_rad: tuple[Finite, Finite, Finite]
-    t_mm: tuple[Finite, Finite, Finite]
-
-
-class _File(OpenSheet):
-    method: str
-    more_cameras: tuple[dict[str, Any], ...] = ()
-    camera_names: tuple[str, ...] = ()
-    rigs: tuple[_Rig, ...] = ()
-    interior: dict[str, Any]
-    station_names: tuple[str, ...]
-    stations: list[_Pose]
-    board_names: tuple[str, ...]
-    boards: list[_Pose]
-    scale: Positive
-    labels: tuple[str, ...]
-    sigma0: float
-    freedom: int
-    reprojection_rms_px: float
-    used: Count
-    rejected: tuple[_Rejected, ...] = ()
-    graph: tuple[tuple[str, str, int], ...] = ()
-    notes: tuple[str, ...] = ()
-    joints: tuple[_Joint, ...] = ()
-    board_quality: tuple[_BoardQuality, ...] = ()
-    test: _Test | None = None
-
-    @field_validator("test", mode="before")
-    @classmethod
-    def _none_for_empty(cls, value: Any) -> Any:
-        return value or None
 
 
 def _numbers(value: Any, name: str, count: int, cameras: int) -> np.ndarray:
@@ -297,7 +214,7 @@ def _poses_json(poses: Poses) -> list[dict]:
     return [{"R": R.tolist(), "t_mm": t.tolist()} for R, t in zip(poses.R, poses.t_mm, strict=True)]
 
 
-def _poses(data: list[_Pose], name: str, count: int) -> Poses:
+def _poses(data: list[PoseTable], name: str, count: int) -> Poses:
     R = array([p.R for p in data], f"{name}, R", count, 3, 3)
     if np.abs(R @ np.swapaxes(R, 1, 2) - np.eye(3)).max(initial=0) > 1e-6:
         raise ValueError(f"{name}, R is no rotation")

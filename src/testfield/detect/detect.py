@@ -1,7 +1,6 @@
 """One frame to its observations: find, centre, decode, identify."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
 
@@ -24,6 +23,7 @@ from testfield.detect.one_row import first_rows
 from testfield.detect.outline import POLYGON, UNEVEN, UNTOLD, shapes
 from testfield.detect.screen import may_be_dots
 from testfield.detect.square_boards import detect_squares
+from testfield.detect.targets import Targets
 from testfield.registry import find
 from testfield.targets.field import Field
 from testfield.targets.marks import RingRadii
@@ -91,42 +91,6 @@ def detect(
     named, number = name_circles(targets.xy_px, _diameter(targets.moments_px2), plain, field)
     board, point = np.where(named >= 0, named, board), np.where(named >= 0, number, point)
     return Observations.beside([targets.observations(frame.station, board, point), squares])
-
-
-@dataclass(frozen=True)
-class Targets:
-    """Everything in one image that was looked at, n rows: `xy_px`, `cov_px2`, `moments_px2`, `chi2` and `misfit` as
-    in `Centres`; `code` (n,) as `decode` gives it, `CROWDED` where nothing was read; `affine` (n, 2, 2) likewise;
-    `status` (n,) `measured` or why not; `background_dn` and `contrast_dn` (n,) as in `Centres`; `left_out` how many
-    blobs there were beyond `MOST_BLOBS`; `passed_over` how many blobs have no row, by reason."""
-
-    xy_px: np.ndarray
-    cov_px2: np.ndarray
-    moments_px2: np.ndarray
-    chi2: np.ndarray
-    misfit: np.ndarray
-    code: np.ndarray
-    affine: np.ndarray
-    status: np.ndarray
-    background_dn: np.ndarray
-    contrast_dn: np.ndarray
-    left_out: int = 0
-    passed_over: dict[str, int] = field(default_factory=dict)
-
-    def observations(self, station: str, board: np.ndarray, point: np.ndarray) -> Observations:
-        """As observations of one station, once the boards (n,) and points (n,) are known."""
-        return Observations(
-            stations=(station,),
-            station=np.zeros(len(self.code), int),
-            xy_px=self.xy_px,
-            cov_px2=self.cov_px2,
-            moments_px2=self.moments_px2,
-            code=np.maximum(self.code, 0),
-            board=board,
-            point=point,
-            chi2=self.chi2,
-            status=self.status,
-        )
 
 
 def measure_targets(

@@ -8,13 +8,14 @@ import numpy as np
 from testfield.camera.images import InvertedSheet
 from testfield.camera.photograph import Photograph
 from testfield.detect.circle_grid import order_grid
-from testfield.detect.detect import Targets, measure_targets
+from testfield.detect.detect import measure_targets
 from testfield.detect.hints import exposure, of_boards, of_dots, of_grids, of_rings
 from testfield.detect.noise import estimate_sheet
 from testfield.detect.observations import MEASURED, TEXTURE, Observations
 from testfield.detect.opencv_boards import detect_board
 from testfield.detect.photo_corners import measure_read
 from testfield.detect.target_spec import TargetSpec
+from testfield.detect.targets import Targets
 from testfield.targets.marks import RADII, USUAL
 
 ON_BLACK, ON_WHITE, AUTO = "white on black", "black on white", "auto"

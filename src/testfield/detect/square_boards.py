@@ -13,7 +13,8 @@ import numpy as np
 from testfield.camera.images import Frame, SensorSheet
 from testfield.camera.plane_image import fit_plane, rough_lens
 from testfield.detect.bright import bright_marks
-from testfield.detect.corner_model import HALF_PX, FittedCorners, fit_corners, offsets_px
+from testfield.detect.clear_pixels import CLEAR_OF_BLUR, CLEAR_PX, NEAREST, clear_pixels, covered
+from testfield.detect.corner_model import FittedCorners, fit_corners
 from testfield.detect.eight_bits import pictures
 from testfield.detect.observations import MEASURED, Observations
 from testfield.detect.opencv_boards import tag_detector
@@ -21,13 +22,8 @@ from testfield.registry import known_of
 from testfield.targets.board_pattern import CORNERS_A_TAG, SIDES, BoardPattern, dictionary
 from testfield.targets.field import Field, NominalBoard
 
-NEAREST = 8
-"""Known corners that tell where another one is."""
-CLEAR_PX, CLEAR_OF_BLUR = 1.8, 2.8
-"""Nothing but the two edges may be printed within this distance of a pixel that is used, in px and in sigmas."""
 READ_WITHIN_PX = 0.8
 """How well it is known where neighbouring tags are, which are only read."""
-AROUND = 8
 CHECKERBOARD_TRIALS = 4
 """OpenCV's checkerboard finder draws at random, and now and then it returns points that are no grid."""
 WORST_MISFIT = 0.05
@@ -176,9 +172,7 @@ def measure_corners(
     crossing = np.full(len(point), pattern.of_kind.crossing)
     clear = CLEAR_PX
     for _ in range(2):
-        use = _clear_pixels(board, points[point], xy, axes, clear) & ~_covered(
-            seen.others_px, xy, clear + READ_WITHIN_PX
-        )
+        use = clear_pixels(board, points[point], xy, axes, clear) & ~covered(seen.others_px, xy, clear + READ_WITHIN_PX)
         fitted = fit_corners(image, sheet, xy, edges, crossing, use)
         if not fitted.ok.any():
             break
@@ -224,38 +218,6 @@ def _local_maps(seen: Seen, at_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray] 
         places[k] = p[:2] / p[2]
         slopes[k] = (H[:2, :2] - np.outer(places[k], H[2, :2])) / p[2]
     return places, slopes
-
-
-def _clear_pixels(
-    board: NominalBoard, corner_mm: np.ndarray, xy_px: np.ndarray, axes_px: np.ndarray, clear_px: float
-) -> np.ndarray:
-    """(n, k) which pixels of each corner's window see its own two edges alone, and paper all around."""
-    pattern, n = board.pattern, len(corner_mm)
-    assert pattern is not None
-    assert board.size_mm is not None
-    angle = 2 * np.pi * np.arange(AROUND) / AROUND
-    ring = np.vstack([np.zeros((1, 2)), clear_px * np.column_stack([np.cos(angle), np.sin(angle)])])
-    offset = (np.rint(xy_px) - xy_px)[:, None, None] + offsets_px()[:, None] + ring
-    from_corner = np.einsum("nij,nkrj->nkri", np.linalg.inv(axes_px), offset)
-    at = corner_mm[:, None, None] + from_corner
-    own = corner_mm[:, None, None] + 0.01 * pattern.free_mm * np.where(from_corner < 0, -1, 1)
-    same = pattern.cells.at(at) == pattern.cells.at(own)
-    on_paper = (np.abs(at) < np.array(board.size_mm) / 2).all(axis=-1)
-    return np.asarray((same & on_paper).all(axis=2).reshape(n, -1))
-
-
-def _covered(others_px: np.ndarray, xy_px: np.ndarray, clear_px: float) -> np.ndarray:
-    """(n, k) which pixels of each corner's window lie in or near one of the convex quadrangles (m, 4, 2)."""
-    at = np.rint(xy_px)[:, None] + offsets_px()
-    covered = np.zeros(at.shape[:2], bool)
-    for quad in others_px:
-        side = np.roll(quad, -1, axis=0) - quad
-        normal = np.column_stack([side[:, 1], -side[:, 0]]) / np.linalg.norm(side, axis=1)[:, None]
-        normal *= np.sign(np.einsum("ki,ki->k", normal, quad.mean(axis=0) - quad))[:, None]  # inwards
-        near = np.abs(xy_px - quad.mean(axis=0)).max(axis=1) < np.abs(quad - quad.mean(axis=0)).max() + 3 * HALF_PX
-        inwards = np.einsum("nkji,ji->nkj", at[near][:, :, None] - quad, normal)
-        covered[near] |= (inwards > -clear_px).all(axis=2)
-    return covered
 
 
 def _outline(pattern: BoardPattern, seen: Seen) -> np.ndarray:

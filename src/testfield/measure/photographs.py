@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from testfield.calibrate.calibration import Calibration
-from testfield.calibrate.certified import Certified
 from testfield.calibrate.imaging import imaging_of
 from testfield.calibrate.loose_discs import measured_radii
 from testfield.calibrate.loose_network import loose_network
@@ -19,31 +18,17 @@ from testfield.calibrate.ties import Ties, coded_ties
 from testfield.detect.observations import MEASURED, Observations
 from testfield.detect.photograph import Found
 from testfield.detect.target_spec import TargetSpec
+from testfield.measure.certified import Length, certified_of, lengths_of
 from testfield.reconstruct.points import Points
 from testfield.reconstruct.uncoded import match_dots
 from testfield.targets.camera_sheet import CameraSheet, RigSheet
-from testfield.targets.field import Field, NominalBoard, ScaleBar
+from testfield.targets.field import Field, NominalBoard
 from testfield.targets.field_file import FieldFile
 from testfield.targets.marks import Marks
 from testfield.uncertainty.halves import NO_HALVES, Halves, compare_halves
 
 LEAST_TOLERANCE_PX, MOST_TOLERANCE_PX = 0.3, 3.0
 """Within which a ray must meet others to be of the same dot: six times the reprojection's rms, but between these."""
-
-
-@dataclass(frozen=True)
-class Length:
-    """A certified distance as measured, with standard uncertainties; `en` of a check distance and of one that was found
-    wrong, None of one that made the scale."""
-
-    name: str
-    role: str
-    codes: tuple[int, int]
-    certified_mm: float
-    u_certified_mm: float
-    measured_mm: float
-    u_measured_mm: float
-    en: float | None
 
 
 @dataclass(frozen=True)
@@ -77,20 +62,6 @@ class Taken:
     def of(self, images: np.ndarray) -> "Taken":
         """The same of some photographs, by their numbers."""
         return replace(self, camera=tuple(self.camera[k] for k in images), place=tuple(self.place[k] for k in images))
-
-
-def certified_of(field: FieldFile) -> Certified:
-    """What a field file certifies."""
-    bars = tuple(ScaleBar(d.name, d.role, d.codes, d.length_mm, d.u_mm) for d in field.distances)
-    known = {}
-    for board in field.boards:
-        for place in board.points:
-            u = board.u_mm if place.u_mm is None else place.u_mm
-            known[place.code] = (np.array(place.xyz_mm), np.broadcast_to(np.asarray(u, float), 3).copy())
-    diameter = dict(field.target.diameters_mm)
-    if field.target.diameter_mm is not None:
-        diameter[0] = field.target.diameter_mm
-    return Certified(bars, known, diameter)
 
 
 def measure(
@@ -165,7 +136,7 @@ def _measured(
     job = result.job
     named[job.ties.row] = [place.get(int(c), -1) for c in job.ties.code[job.ties.point]]
     unused = {c["certificate"] for c in result.calibration.certificates if not c["used"]}
-    lengths, not_compared = _lengths(certified, points, unused, result.scale_from)
+    lengths, not_compared = lengths_of(certified, points, unused, result.scale_from)
     wrong = failed_checks([(d.name, d.en) for d in lengths if d.role == "check"])
     calibration = failed(result.calibration, not_compared + wrong)
     return Measurement(replace(observations, point=named), calibration, points, lengths, _datum(result, field))
@@ -223,37 +194,6 @@ def with_dots(
     )
     radius = np.concatenate([job.radius_mm, measured_radii(wider, ties.moments_px2)[len(old.code) :]])
     return settled(replace(job, network=wider, ties=ties, radius_mm=radius), hold, True, misfit)
-
-
-def _lengths(
-    certified: Certified, points: Points, unused: set[str], scale_from: str
-) -> tuple[tuple[Length, ...], list[str]]:
-    """Certified distances as measured, and a sentence for each check distance that cannot be compared."""
-    have, answer, said = {int(c) for c in points.code}, [], []
-    for bar in certified.bars:
-        if not set(bar.codes) <= have:
-            if bar.role == "check":
-                said.append(f"the check distance '{bar.name}' cannot be compared: an end of it was not measured")
-            continue
-        a, b = points.rows(list(bar.codes))
-        length, u = points.distance(int(a), int(b))
-        if bar.role == "check" and scale_from == "nothing":
-            said.append(f"the check distance '{bar.name}' cannot be compared: the scale is arbitrary")
-        apart = (bar.role == "check" or bar.name in unused) and scale_from != "nothing"
-        en = (length - bar.length_mm) / (2 * np.hypot(u, max(bar.u_length_mm, 1e-9))) if apart else None
-        answer.append(
-            Length(
-                bar.name,
-                bar.role,
-                bar.codes,
-                bar.length_mm,
-                bar.u_length_mm,
-                length,
-                u,
-                None if en is None else float(en),
-            )
-        )
-    return tuple(answer), said
 
 
 def _datum(result: FreeNetwork, field: FieldFile) -> str:

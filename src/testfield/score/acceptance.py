@@ -14,15 +14,12 @@ from testfield.scene.schema import SceneFile
 from testfield.scene.target_parts import CheckGrid
 from testfield.scene.world import CHECK, World
 from testfield.score.align import aligned_covariance, rigid_basis
+from testfield.score.arrangement import arrangement, check_positions
 from testfield.score.flatness import flatness, form_error, in_a_row
 from testfield.score.length_test import Limit, MeasuredLengths, figures, judge
 from testfield.score.points import score_points
 from testfield.statistics.consistency import NOTHING, decorrelated, joint_hit_band, nees_band, pit_uniformity
 
-LINES, LENGTHS = 7, 5
-"""Measuring lines, and test lengths on each, that VDI/VDE 2634 part 1 recommends."""
-CORNER = 0.1
-"""An end point this near to a corner, in shortest sides of the volume, is in that corner."""
 Asked = tuple[str, int, int, float, float]
 """A length: its line, the codes of both ends, calibrated length and its standard uncertainty in mm."""
 
@@ -88,7 +85,7 @@ def test_lengths(world: World) -> tuple[list[Asked], str]:
             for code, length in zip(line.codes[1:], line.length_mm, strict=True)
         ]
         return on_lines + bars, f"calibrated distances of the targets on the measuring lines from the first{also}"
-    at = _check_positions(world)
+    at = check_positions(world)
     pairs = [(f"from {a}", a, b, float(np.linalg.norm(at[a] - at[b])), 0.0) for a, b in combinations(sorted(at), 2)]
     return pairs + bars, f"no measuring lines: true distances between all pairs of check targets{also}"
 
@@ -124,47 +121,6 @@ def missing(points: Points, asked: list[Asked]) -> list[dict[str, Any]]:
     return [{"line": line, "codes": [a, b]} for line, a, b, *_ in asked if not {a, b} <= known]
 
 
-def arrangement(scene: SceneFile, world: World) -> list[dict[str, Any]] | None:
-    """What VDI/VDE 2634 part 1 recommends of the measuring lines, one by one; None of a field that has none.
-
-    The corners are those of a volume of the declared size about the middle of all lines' ends.
-    """
-    lines = world.field.measuring_lines
-    if not lines:
-        return None
-    at, size = _check_positions(world), np.array(scene.volume.size_mm)
-    ends = np.array([at[code] for line in lines for code in (line.codes[0], line.codes[-1])])
-    low, high = ends.min(axis=0), ends.max(axis=0)
-    corners = (low + high) / 2 + size * (np.array(list(np.ndindex(2, 2, 2))) - 0.5)
-    near = np.linalg.norm(corners[:, None] - ends[None], axis=-1).min(axis=1) <= CORNER * size.min()
-    longest = np.array([line.length_mm[-1] for line in lines])
-    fewest, diagonal = min(len(line.length_mm) for line in lines), float(np.linalg.norm(size))
-    asked = (
-        ("measuring lines", f"{LINES} or more", f"{len(lines)}", len(lines) >= LINES),
-        ("test lengths on every line", f"{LENGTHS} or more", f"{fewest}", fewest >= LENGTHS),
-        (
-            "longest length of every line",
-            f"the shortest side, {size.min():.0f} mm, or more",
-            f"{longest.min():.0f} mm or more",
-            longest.min() >= size.min() - 1e-6,
-        ),
-        (
-            "one line at least",
-            f"two thirds of the diagonal, {2 / 3 * diagonal:.0f} mm",
-            f"{longest.max():.0f} mm",
-            longest.max() >= 2 / 3 * diagonal,
-        ),
-        (
-            "the lines span the volume",
-            " x ".join(f"{v:.0f}" for v in size) + " mm",
-            " x ".join(f"{v:.0f}" for v in high - low) + " mm",
-            bool((high - low >= (1 - CORNER) * size).all()),
-        ),
-        ("an end point in every corner", "8", f"{near.sum()}", bool(near.all())),
-    )
-    return [{"what": what, "asked": wish, "found": found, "met": bool(met)} for what, wish, found, met in asked]
-
-
 def spacing(world: World, points: Points) -> dict[str, Any] | None:
     """Centre-to-centre spacing of targets, in the place of the sphere spacing of parts 2 and 3.
 
@@ -182,7 +138,7 @@ def spacing(world: World, points: Points) -> dict[str, Any] | None:
             asked.append((line.name, a, b, places[k + 1] - places[k], float(u)))
     rule = "check bars and neighbours on the measuring lines"
     if not asked:
-        rule, asked = "each check target and the one nearest to it", _nearest(_check_positions(world))
+        rule, asked = "each check target and the one nearest to it", _nearest(check_positions(world))
     found = measured(points, asked)
     if not len(found):
         return None
@@ -203,7 +159,7 @@ def planes(scene: SceneFile, world: World, points: Points) -> list[dict[str, Any
     The error is the range of measured less true heights, so that a bent board counts as the form it has; beside it the
     ranges of both about planes of their own. Targets in a straight row span no plane and are left out.
     """
-    at, marks = _check_positions(world), world.marks
+    at, marks = check_positions(world), world.marks
     groups = {
         f"targets on board {world.panels.name[panel]}": [
             int(code) for code in marks.code[(marks.role == CHECK) & (marks.panel == panel)]
@@ -294,12 +250,6 @@ def points_card(
         "pit": {"distance": distance, "p": p, "values": len(z), "distance_of_coordinates": of_coordinates},
         "of_lengths": of_lengths,
     }
-
-
-def _check_positions(world: World) -> dict[int, np.ndarray]:
-    """True positions of the check targets in the world, by code."""
-    here = np.flatnonzero(world.marks.role == CHECK)
-    return {int(world.marks.code[k]): xyz for k, xyz in zip(here, world.mark_world_mm[here], strict=True)}
 
 
 def _nearest(at: dict[int, np.ndarray]) -> list[Asked]:
