@@ -736,7 +736,7 @@ STATISTICS = [
         "bands of NEES of one side", "nees_band", "chi2.ppf(0.5 - p / 2, freedom)", "chi2.ppf(1 - p, freedom)", ACCEPT
     ),
     Defect(
-        "E_n of photographs without its factor 2", "_lengths", "2 * np.hypot(u, __c__)", "np.hypot(u, __c__)", LENGTHS
+        "E_n of photographs without its factor 2", "lengths_of", "2 * np.hypot(u, __c__)", "np.hypot(u, __c__)", LENGTHS
     ),
 ]
 BENCH = [
@@ -854,7 +854,7 @@ CERTIFICATES = [
         UNUSED,
     ),
     Defect("a scale by diameters is exact", "by_scale", "scale_from != 'diameters'", "True", UNUSED),
-    Defect("checks are compared in an arbitrary scale", "_lengths", "scale_from == 'nothing'", "False", UNUSED),
+    Defect("checks are compared in an arbitrary scale", "lengths_of", "scale_from == 'nothing'", "False", UNUSED),
     Defect("a grid's columns as written", "_of_grid", "max(target.columns, target.rows)", "target.columns", EITHER_WAY),
     Defect(
         "distances hold the scale by their number",
