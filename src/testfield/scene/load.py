@@ -8,6 +8,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from testfield.errors import Faults, TestfieldError, faults_in
+from testfield.scene.declared import expanded, with_kinds
 from testfield.scene.schema import SceneFile
 from testfield.scene.sizes import check_sizes
 from testfield.store.faults import faults_of
@@ -29,7 +30,7 @@ def load_scene(path: Path) -> SceneFile:
 
 def parse_scene(text: str | bytes, source: str, folder: Path = Path()) -> SceneFile:
     """The scene in a TOML text; `source` is what messages call it, `folder` where the files it names are."""
-    data = parse_toml(text, source)
+    data = expanded(parse_toml(text, source), source)
     # The kind of a listed station or target need not be said when it is a single one.
     for name in ("stations", "check_targets"):
         for item in data.get(name, []) if isinstance(data.get(name), list) else []:
@@ -85,5 +86,5 @@ def _text(content: str | bytes) -> str:
 
 def scene_schema() -> dict[str, Any]:
     """The JSON Schema of scene files, for editors."""
-    schema = SceneFile.model_json_schema()
+    schema = with_kinds(SceneFile.model_json_schema())
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "testfield scene", **schema}
