@@ -139,6 +139,7 @@ def test_a_run_that_was_stopped_goes_on_and_gives_the_same_bytes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(detect, "plan", lambda quick: SMALL)
+    monkeypatch.setattr("testfield.store.stamp.now", lambda: "at another time")
     told: list[str] = []
     whole = write_page(bench_detect(True, tmp_path / "whole", told.append), tmp_path / "whole")
     assert [line.startswith(f"case {k} of 2") for k, line in enumerate(told, 1)] == [True, True]

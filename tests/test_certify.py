@@ -18,6 +18,7 @@ from testfield.render.stage import build_stage
 from testfield.scene.build import build_world
 from testfield.scene.load import load_scene
 from testfield.scene.world import World
+from testfield.score.floor import floor_of, renderer_digest
 
 SCENES = Path(__file__).parents[1] / "scenes"
 TINY = Path(__file__).parent / "torture/tiny.toml"
@@ -137,15 +138,15 @@ def test_a_report_states_the_certificate_and_whether_it_is_still_valid(tmp_path:
         "quick": False,
         "passed": True,
         "made": "2026-01-01T00:00:00+00:00",
-        "code": whole.renderer_digest(),
+        "code": renderer_digest(),
         "verdicts": [vars(Verdict("light", "scatter, rms", 4e-4, 5e-4, "px", "")) | {"passed": True}],
     }
     (tmp_path / "run").mkdir()
-    assert whole.floor_of(tmp_path / "run") is None
+    assert floor_of(tmp_path / "run") is None
     (tmp_path / "certificate.json").write_text(json.dumps(figures))
-    floor = whole.floor_of(tmp_path / "run")
+    floor = floor_of(tmp_path / "run")
     assert floor is not None
     assert floor["valid"]
     assert floor["centre_floor_px"] == 4e-4
     (tmp_path / "certificate.json").write_text(json.dumps(figures | {"code": "another renderer"}))
-    assert not whole.floor_of(tmp_path / "run")["valid"]  # type: ignore[index]
+    assert not floor_of(tmp_path / "run")["valid"]  # type: ignore[index]

@@ -121,12 +121,12 @@ def test_trials_are_different_draws_of_pixels_and_of_certificates(
     class Enough(Exception):
         """Nothing after the calibrator is looked at."""
 
-    def calibrator(observations: Any, field: Field, *_: Any, **__: Any) -> None:
+    def measure(observations: Any, field: Field, *_: Any) -> None:
         seen.append((observations.xy_px, field, list(noise)))
         raise Enough
 
     monkeypatch.setattr(trials_module, "reexposed", reexposed)
-    monkeypatch.setattr(trials_module, "find", lambda *_: calibrator)
+    monkeypatch.setattr(trials_module, "measure", measure)
     for k in (0, 1, 2, 1):
         with pytest.raises(Enough):
             drawn(depth).trial(k)

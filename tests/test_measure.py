@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -43,7 +44,8 @@ RING = {"target": {"kind": "ring14"}}
 @pytest.fixture
 def whole_only(monkeypatch: pytest.MonkeyPatch) -> None:
     """The halves of the images are not measured too: they take six times as long, and only some tests ask them."""
-    monkeypatch.setattr("testfield.measure.photographs.compare_halves", lambda images, measure: NO_HALVES)
+    room = import_module("testfield.measure.photographs")  # by its path, `testfield.measure` is the function
+    monkeypatch.setattr(room, "compare_halves", lambda images, measure: NO_HALVES)
 
 
 def observations_of(noise_px: float = SIGMA_PX, coded: int = 20, seed: int = 0) -> tuple[Observations, list[Found]]:
