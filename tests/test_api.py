@@ -1,7 +1,9 @@
 """`import testfield as tf`: stable names, imported when asked for, and results that agree with the files."""
 
+import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -44,8 +46,9 @@ def test_what_is_measured_again_scores_the_same(tiny: Run) -> None:
     assert same == {key: result.score.figures[key] for key in same} and "points" in same
 
 
-def test_a_scene_is_run_by_path_and_folder(tiny: Run) -> None:
+def test_a_scene_is_run_by_path_and_folder(tiny: Run, tmp_path: Path) -> None:
     from conftest import TINY
 
-    assert tf.load_scene(TINY).name == tf.run(TINY, tiny.folder).scene.name == "tiny"
+    folder = shutil.copytree(tiny.folder, tmp_path / "run")
+    assert tf.load_scene(TINY).name == tf.run(TINY, folder).scene.name == "tiny"
     assert tf.load_scene("quick").name == "quick"

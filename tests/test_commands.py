@@ -64,8 +64,9 @@ def test_an_algorithm_of_ones_own_is_found_by_name() -> None:
     assert "mine" in names("centroids")
 
 
-def test_json_prints_one_object(quick: Run, capsys: pytest.CaptureFixture) -> None:
-    assert main(["run", str(SCENES / "quick.toml"), "--out", str(quick.folder), "--json"]) == 0
+def test_json_prints_one_object(quick: Run, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    folder = shutil.copytree(quick.folder, tmp_path / "run")
+    assert main(["run", str(SCENES / "quick.toml"), "--out", str(folder), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["scene"] == "quick"
 
 
