@@ -9,13 +9,12 @@ from testfield.adjust.bundle import Adjustment, adjust, predict
 from testfield.adjust.datum import open_motions
 from testfield.adjust.network import Camera, Distances, Images, Network, information_of
 from testfield.adjust.reliability import global_test, reliability
-from testfield.bench.networks import free_network
+from testfield.bench.networks import SIGMA_PX, free_network, loose_points
 from testfield.camera.interior import Interior
 from testfield.camera.pose import Poses, rotation
 from testfield.errors import TestfieldError
 from testfield.scene.frames import camera_looking
 
-SIGMA_PX = 0.05
 POINTS, STATIONS = 40, 12
 TURN_AND_SHIFTS = np.eye(6)[:, 2:5]
 """A turn about z, and shifts along x and y: the ways of what stays on a plane with that normal."""
@@ -33,26 +32,10 @@ def loose_network(bar: bool = True) -> Network:
         poses.append(camera_looking(place, rng.uniform(-200, 200, 3), np.pi / 2 * (k % 4)))
     stations = Poses(np.array([R for R, _ in poses]), np.array([t for _, t in poses]))
     image, point = (v.ravel() for v in np.meshgrid(np.arange(STATIONS), np.arange(POINTS), indexing="ij"))
-    m = len(image)
+    network = loose_points(Camera.of(CAMERA), stations, xyz, image, point)
     length = np.linalg.norm(xyz[0] - xyz[1])
-    network = Network(
-        cameras=(Camera.of(CAMERA),),
-        stations=stations,
-        images=Images.one_camera(STATIONS),
-        boards=Poses.identity(0),
-        ways=(),
-        point_mm=xyz,
-        point_board=np.full(POINTS, -1),
-        known_mm=xyz,
-        information=np.zeros((POINTS, 3, 3)),
-        image=image,
-        point=point,
-        xy_px=np.zeros((m, 2)),
-        cov_px2=np.tile(SIGMA_PX**2 * np.eye(2), (m, 1, 1)),
-        offset_px=np.zeros((m, 2)),
-        distances=Distances(np.array([[0, 1]]), np.array([length]), np.array([0.02])) if bar else Distances(),
-    )
-    return replace(network, xy_px=predict(network))
+    bars = Distances(np.array([[0, 1]]), np.array([length]), np.array([0.02])) if bar else Distances()
+    return replace(network, distances=bars)
 
 
 def labels_of(network: Network) -> list[str]:

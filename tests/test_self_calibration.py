@@ -10,8 +10,8 @@ import pytest
 from scipy.spatial.distance import pdist
 from test_truth_in_truth_out import observe
 
-from testfield.adjust.bundle import predict
-from testfield.adjust.network import Camera, Images, Network
+from testfield.adjust.network import Camera, Network
+from testfield.bench.networks import SIGMA_PX, loose_points
 from testfield.calibrate.certified import Certified
 from testfield.calibrate.self_calibration import free_network, self_calibration
 from testfield.calibrate.self_job import FreeNetwork
@@ -32,7 +32,6 @@ from testfield.score.points import score_lengths, score_points
 from testfield.statistics.consistency import nees_band
 from testfield.targets.field import ScaleBar
 
-SIGMA_PX = 0.05
 CAMERA = Interior(4096, 3000, np.array([4000.0, 4003, 2040, 1505, -0.1, 0.1, 0.01, 3e-4, -2e-4]))
 QUICK = Path(__file__).parents[1] / "scenes/quick.toml"
 
@@ -55,25 +54,8 @@ def scene(
         poses.append(camera_looking(place, at, np.pi / 2 * (k % 4) if convergent else 0.0))
     camera_from_world = Poses(np.array([R for R, _ in poses]), np.array([t for _, t in poses]))
     image, point = (v.ravel() for v in np.meshgrid(np.arange(stations), np.arange(points), indexing="ij"))
-    m = len(image)
-    network = Network(
-        cameras=(Camera.of(camera),),
-        stations=camera_from_world,
-        images=Images.one_camera(stations),
-        boards=Poses.identity(0),
-        ways=(),
-        point_mm=xyz,
-        point_board=np.full(points, -1),
-        known_mm=xyz,
-        information=np.zeros((points, 3, 3)),
-        image=image,
-        point=point,
-        xy_px=np.zeros((m, 2)),
-        cov_px2=np.tile(SIGMA_PX**2 * np.eye(2), (m, 1, 1)),
-        offset_px=np.zeros((m, 2)),
-    )
-    xy = predict(network)
-    return replace(network, xy_px=xy).take(((xy > 0) & (xy < [4095, 2999])).all(axis=1))
+    network = loose_points(Camera.of(camera), camera_from_world, xyz, image, point)
+    return network.take(((network.xy_px > 0) & (network.xy_px < [4095, 2999])).all(axis=1))
 
 
 def ties_of(truth: Network, noise_px: float = 0.0, seed: int = 0) -> Ties:

@@ -32,25 +32,8 @@ def free_network(images: int, points: int, rays: int | None = None, seed: int = 
         first = np.sort(rng.integers(0, images, points))
         point = np.repeat(np.arange(points), rays)
         image = ((first[:, None] + np.arange(rays)) % images).ravel()
-    m = len(image)
     free = np.array([name != "k3" for name in CAMERA.names])
-    network = Network(
-        cameras=(Camera.of(CAMERA, free),),
-        stations=stations,
-        images=Images.one_camera(images),
-        boards=Poses.identity(0),
-        ways=(),
-        point_mm=xyz,
-        point_board=np.full(points, -1),
-        known_mm=xyz,
-        information=np.zeros((points, 3, 3)),
-        image=image,
-        point=point,
-        xy_px=np.zeros((m, 2)),
-        cov_px2=np.tile(SIGMA_PX**2 * np.eye(2), (m, 1, 1)),
-        offset_px=np.zeros((m, 2)),
-    )
-    truth = replace(network, xy_px=predict(network))
+    truth = loose_points(Camera.of(CAMERA, free), stations, xyz, image, point)
     start = replace(
         truth,
         cameras=(replace(truth.cameras[0], interior=CAMERA.with_parameters(CAMERA.parameters + START_OFF)),),
@@ -58,9 +41,36 @@ def free_network(images: int, points: int, rays: int | None = None, seed: int = 
             rotation(rng.normal(0, 0.002, (images, 3))) @ stations.R, stations.t_mm + rng.normal(0, 10, (images, 3))
         ),
         point_mm=xyz + rng.normal(0, 10, xyz.shape),
-        xy_px=truth.xy_px + SIGMA_PX * rng.standard_normal((m, 2)),
+        xy_px=truth.xy_px + SIGMA_PX * rng.standard_normal((len(image), 2)),
     )
     return truth, start
+
+
+def loose_points(
+    camera: Camera, stations: Poses, point_mm: np.ndarray, image: np.ndarray, point: np.ndarray
+) -> Network:
+    """Points (n, 3) on no board, of which nothing is known, with the pixels (m, 2) in which they truly stand.
+
+    Row k is point `point[k]` in image `image[k]`; every image has a place of its own. Pixels state SIGMA_PX.
+    """
+    n, m = len(point_mm), len(image)
+    network = Network(
+        cameras=(camera,),
+        stations=stations,
+        images=Images.one_camera(len(stations)),
+        boards=Poses.identity(0),
+        ways=(),
+        point_mm=point_mm,
+        point_board=np.full(n, -1),
+        known_mm=point_mm,
+        information=np.zeros((n, 3, 3)),
+        image=image,
+        point=point,
+        xy_px=np.zeros((m, 2)),
+        cov_px2=np.tile(SIGMA_PX**2 * np.eye(2), (m, 1, 1)),
+        offset_px=np.zeros((m, 2)),
+    )
+    return replace(network, xy_px=predict(network))
 
 
 def one_board(images: int, columns: int, rows: int, seed: int = 1) -> Network:
