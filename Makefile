@@ -19,13 +19,14 @@ torture: setup
 mutants: setup
 	.venv/bin/python tests/mutants/run.py
 
-# Defects that cosmic-ray knows, over the rooms that score, judge and key: a sample of SAMPLE of them, in a copy.
+# Defects that cosmic-ray knows, over the rooms that score, judge and key: the DRAWth sample of SAMPLE, in a copy.
 SAMPLE = 300
+DRAW = 0
 mutation: setup
 	.venv/bin/python -m pip install --quiet --disable-pip-version-check -c .ci/constraints.txt -e '.[mutation]'
 	rm -rf .mutation && mkdir .mutation && cp -r src tests scenes pyproject.toml Makefile .mutation/
 	cd .mutation && ../.venv/bin/cosmic-ray init pyproject.toml session.sqlite
-	cd .mutation && ../.venv/bin/python tests/mutants/sample.py session.sqlite $(SAMPLE)
+	cd .mutation && ../.venv/bin/python tests/mutants/sample.py session.sqlite $(SAMPLE) $(DRAW)
 	cd .mutation && OMP_NUM_THREADS=1 PYTHONPATH=src PATH="$$PWD/../.venv/bin:$$PATH" ../.venv/bin/cosmic-ray exec pyproject.toml session.sqlite
 	cd .mutation && ../.venv/bin/cr-report session.sqlite --surviving-only --show-diff
 	cd .mutation && ../.venv/bin/cr-rate session.sqlite --fail-over 10
