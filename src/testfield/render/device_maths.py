@@ -86,3 +86,10 @@ def opaque_float(value: float) -> Any:
     import drjit as dr
 
     return dr.opaque(mitsuba().Float, float(np.float32(value)))
+
+
+def opaque(number: int) -> Any:
+    """A whole number that does not become part of the kernel's code."""
+    import drjit as dr
+
+    return dr.opaque(mitsuba().UInt32, number)

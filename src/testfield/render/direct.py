@@ -1,25 +1,29 @@
 """Light that comes straight from the lamps: without noise, and with its shadows.
 
-From a rectangular lamp in full view it is a smooth integral, done by Gauss-Legendre quadrature over the lamp. Where
-another panel may stand between, the visible part is counted on a lattice of rays that is the same for every point, so
-neighbouring points see the same shadow edge. Panels are cut into tiles; a tile gets finer nodes until interpolation
-between them keeps the tolerance, so only penumbrae cost anything.
+From a rectangular lamp in full view it is a smooth integral, done by Gauss-Legendre quadrature over the lamp. What flat
+panels hide of it is known in closed form (`shadow.py`). Where a bent one or a mesh may stand between, the visible part
+is counted on a lattice of rays that is the same for every point, so neighbouring points see the same shadow edge.
+Panels are cut into tiles; a tile gets finer nodes until interpolation between them keeps the tolerance, so only
+penumbrae cost anything.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from testfield.camera.pose import Poses
 from testfield.render.fetch import fetch
 from testfield.render.lookup import cell_of
+from testfield.render.shadow import Rectangles, visible_part
 from testfield.render.variant import mitsuba
 from testfield.scene.world import AreaLight, World
 
 QUADRATURE = 12
 LATTICE = 4181
 """A Fibonacci number: the golden-ratio lattice of this many points has no preferred direction."""
-RAYS_A_PASS = 1 << 23
+RAYS_A_PASS, POINTS_A_PASS = 1 << 23, 1 << 13
 LEVELS = (3, 5, 9, 17, 33)
 """Nodes along each side of a tile."""
 TILE_MM, TILE_PLAIN_MM = 120.0, 600.0
@@ -38,6 +42,21 @@ class DirectLight:
     tile_shape: np.ndarray
     nodes: np.ndarray
     values: np.ndarray
+
+    @cached_property
+    def kinks(self) -> np.ndarray:
+        """(tiles,) the largest step of the light's slope within each, for lengths in the tile's sides, as a part of the
+        panel's brightest node."""
+        panel = np.repeat(np.arange(len(self.tile_shape)), self.tile_shape.prod(axis=1))
+        first = np.cumsum(self.nodes**2) - self.nodes**2
+        brightest, kink = np.zeros(len(self.tile_shape)), np.zeros(len(panel))
+        for n in np.unique(self.nodes).tolist():
+            own = np.flatnonzero(self.nodes == n)
+            values = self.values[first[own, None] + np.arange(n * n)].reshape(-1, n, n)
+            np.maximum.at(brightest, panel[own], values.max(axis=(1, 2)))
+            bends = (np.abs(np.diff(values, 2, axis=k)).reshape(len(own), -1).max(axis=1, initial=0) for k in (1, 2))
+            kink[own] = np.maximum(*bends) * (n - 1)
+        return kink / np.maximum(brightest[panel], 1e-30)
 
 
 def compute_direct(world: World, scene: Any, levels: tuple[int, ...] = LEVELS, rays: int = LATTICE) -> DirectLight:
@@ -109,11 +128,17 @@ def direct_irradiance(
     A point on a mesh has panel -1. `rays`, a Fibonacci number, go to each lamp that may be hidden.
     """
     total = np.zeros(len(points_mm))
-    for light in world.lights:
+    for number, light in enumerate(world.lights):
         full = _unhidden(light, points_mm, normals)
-        doubtful = np.flatnonzero((full > 0) & _may_be_hidden(world, light, points_mm, own_panel))
-        if len(doubtful):
-            full[doubtful] *= _visible_part(light, scene, points_mm[doubtful], normals[doubtful], rays)
+        lit = np.flatnonzero(full > 0)
+        flat, hides, by_rays = _may_hide(world, number, points_mm[lit], own_panel[lit])
+        some = lit[hides.any(axis=1) & ~by_rays]
+        if len(some):
+            asked = hides[hides.any(axis=1) & ~by_rays]
+            full[some] *= visible_part(light, flat, points_mm[some], normals[some], asked)
+        some = lit[by_rays]
+        if len(some):
+            full[some] *= _visible_part(light, scene, points_mm[some], normals[some], rays)
         total += full
     return total
 
@@ -124,46 +149,59 @@ def _unhidden(light: AreaLight, points_mm: np.ndarray, normals: np.ndarray) -> n
     x, y = np.meshgrid(node / 2, node / 2)
     w = np.outer(weight, weight).ravel() / 4 * light.size_mm[0] * light.size_mm[1]
     R, t = light.world_from_light.R[0], light.world_from_light.t_mm[0]
-    places = t + np.column_stack([x.ravel() * light.size_mm[0], y.ravel() * light.size_mm[1]]) @ R[:, :2].T
-    total = np.zeros(len(points_mm))
-    for place, share in zip(places, w, strict=True):
-        total += share * _geometry(place, R[:, 2], points_mm, normals)
+    places = np.column_stack([x.ravel() * light.size_mm[0], y.ravel() * light.size_mm[1]]) @ R[:, :2].T
+    total = np.empty(len(points_mm))
+    for start in range(0, len(points_mm), POINTS_A_PASS):
+        part = slice(start, start + POINTS_A_PASS)
+        own, normal = points_mm[part] - t, normals[part]
+        rise = normal @ places.T - (normal * own).sum(axis=1)[:, None]
+        square = (own**2).sum(axis=1)[:, None] + (places**2).sum(axis=1) - 2 * own @ places.T
+        facing = np.maximum(own @ R[:, 2], 0)
+        total[part] = facing * (np.maximum(rise, 0) / square**2 @ w)
     return light.radiance * total
 
 
-def _geometry(place: np.ndarray, facing: np.ndarray, points_mm: np.ndarray, normals: np.ndarray) -> np.ndarray:
-    to = place - points_mm
-    d2 = (to * to).sum(axis=1)
-    return np.maximum((to * normals).sum(axis=1), 0) * np.maximum(-(to @ facing), 0) / (d2 * d2)
-
-
-def _may_be_hidden(world: World, light: AreaLight, points_mm: np.ndarray, own_panel: np.ndarray) -> np.ndarray:
-    """(n,) whether the bounding sphere of any other panel, or of a mesh, touches the cone from a point to the lamp's
-    bounding sphere."""
+def _may_hide(
+    world: World, number: int, points_mm: np.ndarray, own_panel: np.ndarray
+) -> tuple[Rectangles, np.ndarray, np.ndarray]:
+    """All flat surfaces, (n, k) which of them may stand between points (n, 3) on panels (n,) and lamp `number`, and
+    (n,) whether something that is not flat may."""
+    light, panels = world.lights[number], world.panels
     centre = light.world_from_light.t_mm[0]
     radius = np.hypot(*light.size_mm) / 2
     axis = centre - points_mm
     distance = np.linalg.norm(axis, axis=1)
     axis = axis / distance[:, None]
-    doubtful = np.zeros(len(points_mm), bool)
 
     def in_the_way(middle: np.ndarray, reach: float) -> np.ndarray:
+        """Where a sphere touches the cone from a point to the lamp's bounding sphere."""
         to = middle - points_mm
         along = (to * axis).sum(axis=1)
         aside = np.linalg.norm(to - along[:, None] * axis, axis=1)
         within = (along > -reach) & (along < distance + reach)
         return within & (aside < reach + radius * np.clip((along + reach) / distance, 0, 1))
 
-    for k, size in enumerate(world.panels.size_mm):
-        R, t = world.panels.world_from_panel.R[k], world.panels.world_from_panel.t_mm[k]
-        bent = world.panels.bent[k]
-        if not bent and np.all((centre - t) @ R[:, 2] > radius) and np.all((points_mm - t) @ R[:, 2] >= -1e-6):
-            continue  # lamp and points all lie before this wall
-        other = (own_panel != k) | (world.panels.curvature_per_mm[k] < 0)  # a hollow panel may shade itself
-        doubtful |= in_the_way(t, np.hypot(*size) / 2) & other
+    which = np.flatnonzero(~panels.bent)
+    lamps = [other for k, other in enumerate(world.lights) if k != number]
+    poses = [panels.world_from_panel[which], *[other.world_from_light for other in lamps]]
+    flat = Rectangles(
+        Poses(np.concatenate([p.R for p in poses]), np.concatenate([p.t_mm for p in poses])),
+        np.concatenate([panels.size_mm[which], np.reshape([other.size_mm for other in lamps], (-1, 2))]),
+    )
+    hides = np.zeros((len(points_mm), len(flat)), bool)
+    for k, size in enumerate(flat.size_mm):
+        near = in_the_way(flat.pose.t_mm[k], np.hypot(*size) / 2)
+        if k < len(which):
+            near &= own_panel != which[k]
+        near = np.flatnonzero(near)
+        hides[near, k] = flat.may_hide(k, light, points_mm[near])
+    by_rays = np.zeros(len(points_mm), bool)
+    for k in np.flatnonzero(panels.bent).tolist():
+        other = (own_panel != k) | (panels.curvature_per_mm[k] < 0)  # a hollow panel may shade itself
+        by_rays |= in_the_way(panels.world_from_panel.t_mm[k], np.hypot(*panels.size_mm[k]) / 2) & other
     for mesh in world.meshes:
-        doubtful |= in_the_way(*mesh.sphere)
-    return doubtful
+        by_rays |= in_the_way(*mesh.sphere)
+    return flat, hides, by_rays
 
 
 def _visible_part(light: AreaLight, scene: Any, points_mm: np.ndarray, normals: np.ndarray, rays: int) -> np.ndarray:

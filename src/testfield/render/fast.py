@@ -13,7 +13,8 @@ import numpy as np
 
 from testfield.camera.images import Radiance
 from testfield.render.camera_plugin import CameraRays
-from testfield.render.device_maths import DeviceTwist, Rays, opaque_float
+from testfield.render.device_maths import DeviceTwist, Rays, opaque, opaque_float
+from testfield.render.edges import edge_pixels
 from testfield.render.fetch import fetch
 from testfield.render.irradiance import Irradiance, IrradianceSum
 from testfield.render.mesh_light import MeshLookup
@@ -25,7 +26,7 @@ from testfield.render.stage import Stage
 from testfield.render.variant import mitsuba
 from testfield.render.vignetting import Vignetting, vignettes
 
-CELLS_A_PASS = 6_000_000
+PIXELS_A_PASS = 2_000_000
 PARTS = 2
 """A cell's footprint is divided into this many parts each way where it meets a mark."""
 
@@ -52,16 +53,19 @@ def render_fast(
     spread = point_spread(cells, world.psf_sigma_px, world.optics.airy_px, len(exposure))
     cells, margin = spread.cells, spread.margin
     view = _View(stage, light, station, bounce)
-    columns = (width + 2 * margin) * cells
+    edges = edge_pixels(world, light.direct, station, exposure, margin)
     # A wide point spread needs a margin above and below each strip: no strip is so low that margins are most of it.
-    strip = max(CELLS_A_PASS // (columns * cells) - 2 * margin, 2 * margin, 1)
+    strip = max(PIXELS_A_PASS // (width + 2 * margin) - 2 * margin, 2 * margin, 1)
     strips = -(-height // strip)
     strip = -(-height // strips)
     values = np.empty((height, width), np.float32)
     for top in range(0, height, strip):
-        rows = (strip + 2 * margin) * cells
-        fine = view.mean_of(exposure, rows, columns, cells, top - margin, -margin, lambda part: progress(part / strips))
-        values[top : top + strip] = spread.weigh(fine, strip, width)[: height - top]
+        part = edges[top : top + strip + 2 * margin]
+        smooth = view.smooth(part.shape, top - margin, -margin)
+        row, column = np.nonzero(part)
+        fine = view.cells(exposure, row + (top - margin), column - margin, cells)
+        values[top : top + strip] = spread.blurred(smooth, row, column, fine)
+        progress(1 / strips)
     return Radiance(world.station_name[station], values)
 
 
@@ -77,36 +81,43 @@ class _View:
         self.vignetting = Vignetting(stage.world) if vignettes(stage.world) else None
         self.target = DeviceTwist(stage.world.motion.target) if stage.world.motion.target.moves else None
 
-    def mean_of(
-        self,
-        exposure: np.ndarray,
-        rows: int,
-        columns: int,
-        cells: int,
-        top: int,
-        left: int,
-        progress: Callable[[float], None],
-    ) -> np.ndarray:
-        """(rows, columns) mean radiance of each cell over all shots; the first is the corner of pixel (left, top)."""
+    def smooth(self, shape: tuple[int, int], top: int, left: int) -> np.ndarray:
+        """(rows, columns) radiance in the middles of pixels from (left, top) on, in the middle of the exposure."""
         mi = mitsuba()
         import drjit as dr
 
+        index = dr.arange(mi.UInt32, shape[0] * shape[1])
+        row, column = index // opaque(shape[1]), index % opaque(shape[1])
+        x_px, y_px = mi.Float(column) + opaque_float(left), mi.Float(row) + opaque_float(top)
+        return fetch(self._radiance(x_px, y_px, np.zeros(3), 1, 1)).reshape(shape)
+
+    def cells(self, exposure: np.ndarray, row: np.ndarray, column: np.ndarray, cells: int) -> np.ndarray:
+        """(k, cells^2) mean radiance over all shots of each cell, row by row, of pixels at `row`, `column` (k,)."""
+        mi = mitsuba()
+        import drjit as dr
+
+        count, square = len(row), cells * cells
+        if not count:
+            return np.zeros((0, square), np.float32)
+        top, left = mi.Float(row.astype(np.float32)), mi.Float(column.astype(np.float32))
         total = mi.Float(0)
         for shot in exposure:
-            index = dr.arange(mi.UInt32, rows * columns)
-            row, column = index // columns, index % columns
-            x_px = (mi.Float(column) + 0.5) / cells - 0.5 + opaque_float(left)
-            y_px = (mi.Float(row) + 0.5) / cells - 0.5 + opaque_float(top)
-            rays = self.rays.at(x_px, y_px, *[opaque_float(v) for v in shot])
-            radiance = self._radiance(rays, cells)
-            if self.vignetting is not None:
-                radiance *= self.vignetting.at(x_px, y_px, rays)
+            index = dr.arange(mi.UInt32, count * square)
+            pixel, cell = index // square, index % square
+            x_px = dr.gather(mi.Float, left, pixel) + ((mi.Float(cell % cells) + 0.5) / cells - 0.5)
+            y_px = dr.gather(mi.Float, top, pixel) + ((mi.Float(cell // cells) + 0.5) / cells - 0.5)
+            radiance = self._radiance(x_px, y_px, shot, cells, PARTS)
             total = total + radiance if len(exposure) > 1 else radiance
             dr.eval(total)
-            progress(1 / len(exposure))
-        return fetch(total).reshape(rows, columns) / np.float32(len(exposure))
+        return fetch(total).reshape(count, square) / np.float32(len(exposure))
 
-    def _radiance(self, rays: Rays, cells: int) -> Any:
+    def _radiance(self, x_px: Any, y_px: Any, shot: np.ndarray, cells: int, parts: int) -> Any:
+        """Mean radiance of cells about places of the image, at one shot."""
+        rays = self.rays.at(x_px, y_px, *[opaque_float(v) for v in shot])
+        radiance = self._along(rays, cells, parts)
+        return radiance if self.vignetting is None else radiance * self.vignetting.at(x_px, y_px, rays)
+
+    def _along(self, rays: Rays, cells: int, parts: int) -> Any:
         """Mean radiance of the cells whose middles the rays pass through."""
         import drjit as dr
 
@@ -128,7 +139,7 @@ class _View:
         shines = stage.is_lamp(hit)
         faces = hit.is_valid() & (slope < 0) & ~shines
         towards = -dr.normalize(rays.direction)
-        shaded = shade(stage, self.lookup, self.sources, hit, towards, faces, PARTS)
+        shaded = shade(stage, self.lookup, self.sources, hit, towards, faces, parts)
         emitted = dr.select(shines, hit.emitter(stage.scene).eval(hit, shines)[0], 0)
         radiance = dr.select(faces, shaded, emitted)
         return radiance if self.bodies is None else self._with_bodies(self.bodies, hit, slope < 0, radiance)

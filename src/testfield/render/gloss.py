@@ -12,7 +12,7 @@ import numpy as np
 
 from testfield.render.camera_plugin import CameraRays
 from testfield.render.fetch import fetch
-from testfield.render.irradiance import MAX_DEPTH
+from testfield.render.gather import MAX_DEPTH
 from testfield.render.materials import coat, coat_pdf, sample_coat
 from testfield.render.sampled import Estimate
 from testfield.render.stage import Stage

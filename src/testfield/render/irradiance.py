@@ -2,34 +2,37 @@
 
 On a matt surface irradiance does not depend on the viewer. What comes straight from the lamps is computed without noise
 (`direct.py`). Everything else, light that was reflected before and light from all around, is smooth; it is estimated
-with Mitsuba's path integrator at a grid of points on each panel and replaced by the polynomial that predicts it best.
+at a grid of points on each panel (`gather.py`), one bounce after another, and replaced by the polynomial that
+predicts it best.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from testfield.render.device_maths import opaque_float
 from testfield.render.direct import LATTICE, LEVELS, DirectLight, DirectLookup, compute_direct
-from testfield.render.fetch import fetch
+from testfield.render.gather import MAX_DEPTH, SUMMED, Places, Radiances, gather, matt_radiances, path_radiances
 from testfield.render.lookup import cell_of
-from testfield.render.mesh_light import MeshLight, compute_mesh_light
+from testfield.render.mesh_light import LitMeshes, MeshLight, MeshLookup
+from testfield.render.points import room_sources
 from testfield.render.stage import Stage
 from testfield.render.variant import mitsuba
-from testfield.scene.world import TrueMesh
+from testfield.scene.world import TrueMesh, World
 from testfield.store.sheets import FORMAT
 
-PATHS_A_PASS = 1 << 21
 MESH_SEEDS = 1 << 20
 """Batches on meshes take seeds from here on, so that none is used twice."""
 SMOOTH_NODES = 33
-MAX_DEPTH = 6
-GOLDEN = 0.6180339887498949
 MOST_DEGREE = 12
+MOST_POINTS, MOST_POINTS_PLAIN = 64, 40
+"""Along each side of a panel with marks, and of a plain one, which needs no more for a polynomial of that degree."""
+EARLIER = 1 / 8
+"""Rays for every bounce but the last, as a part of those for the last."""
 MESH_PATHS = 0.25
 """Paths for a point on a mesh as a part of those for one on a panel; nothing is measured on a mesh's own shade."""
 
@@ -80,9 +83,10 @@ class Irradiance:
         return Irradiance(np.full((panels, 2), 2), values, nothing, MeshLight.even(meshes, value))
 
 
-def grid_shape(size_mm: np.ndarray, spacing_mm: float) -> np.ndarray:
-    """(panels, 2) rows and columns of the points at which light is estimated."""
-    return np.clip(np.ceil(size_mm[:, ::-1] / spacing_mm).astype(int), 5, 64)
+def grid_shape(size_mm: np.ndarray, spacing_mm: float, marked: np.ndarray) -> np.ndarray:
+    """(panels, 2) rows and columns of the points at which light is estimated; fewer on panels without marks."""
+    most = np.where(marked, MOST_POINTS, MOST_POINTS_PLAIN)
+    return np.clip(np.ceil(size_mm[:, ::-1] / spacing_mm).astype(int), 5, most[:, None])
 
 
 def compute_irradiance(
@@ -100,7 +104,49 @@ def compute_irradiance(
     done of the work since the last call; `levels` and `rays` as in `compute_direct`.
     """
     world = stage.world
-    shapes = grid_shape(world.panels.size_mm, spacing_mm)
+    shapes = grid_shape(world.panels.size_mm, spacing_mm, np.isin(np.arange(len(world.panels)), world.marks.panel))
+    places = _on_panels(world, shapes)
+    direct, bodies = compute_direct(world, stage.scene, levels, rays), LitMeshes(world, stage.scene, spacing_mm)
+    on_bodies = Places(*bodies.indirect.places)
+    paths, fewer = _whole(paths), _whole(paths * MESH_PATHS)
+
+    def bounced(radiance: Radiances, share: float, tell: Callable[[float], None]) -> Irradiance:
+        """The light whose indirect part is what arrives along a `share` of the rays."""
+        here = gather(radiance, places, _whole(paths * share), seed, tell)
+        there = gather(radiance, on_bodies, _whole(fewer * share), seed + MESH_SEEDS)
+        grids, start = [], 0
+        for rows, columns in shapes:
+            grids.append(_nodes(here[start : start + rows * columns].reshape(rows, columns)))
+            start += rows * columns
+        values = np.concatenate([grid.ravel() for grid in grids]).astype(np.float32)
+        return Irradiance(np.array([grid.shape for grid in grids]), values, direct, bodies.with_indirect(there))
+
+    if stage.materials.retro or stage.materials.gloss or stage.flash_at is not None:
+        return bounced(path_radiances(stage), 1.0, progress)
+    sources = [source for source in [room_sources(world)] if source is not None]
+    dark = bodies.with_indirect(np.zeros(len(on_bodies)))
+    light = replace(Irradiance.even(len(shapes), 0.0), direct=direct, meshes=dark)
+    # Each round adds a bounce. The last one sees those before it by way of the surfaces' albedo, and as a mean over all
+    # that is in view: a part of the rays is enough for them.
+    shares = np.array([EARLIER] * (MAX_DEPTH - 2) + [1.0])
+    for share in shares.tolist():
+        meshes = MeshLookup(world, light.meshes, stage.mesh_numbers) if world.meshes else None
+        radiance = matt_radiances(stage, IrradianceLookup(light), meshes, sources)
+        light = bounced(radiance, share, partial(_part_of, progress, share / shares.sum()))
+    return light
+
+
+def _part_of(progress: Callable[[float], None], share: float, done: float) -> None:
+    progress(share * done)
+
+
+def _whole(rays: float) -> int:
+    """The nearest number of rays that `gather` can sum, one sum at least."""
+    return max(1, round(rays / SUMMED)) * SUMMED
+
+
+def _on_panels(world: World, shapes: np.ndarray) -> Places:
+    """The middles of (rows, columns) cells on every panel, just above it."""
     position, normal, tangent = [], [], []
     for k, (rows, columns) in enumerate(shapes):
         u, v = np.meshgrid((np.arange(columns) + 0.5) / columns, (np.arange(rows) + 0.5) / rows)
@@ -109,112 +155,34 @@ def compute_irradiance(
         position.append(place + 0.02 * frame[:, :, 2])
         normal.append(frame[:, :, 2])
         tangent.append(frame[:, :, 0])
-    points, normals, tangents = (np.concatenate(part) for part in (position, normal, tangent))
-    mean, variance = _estimate(stage, points, normals, tangents, paths, seed, progress)
-
-    grids, start = [], 0
-    for rows, columns in shapes:
-        part = slice(start, start + rows * columns)
-        start += rows * columns
-        grids.append(_nodes(mean[part].reshape(rows, columns), variance[part].reshape(rows, columns)))
-
-    def on_meshes(points: np.ndarray, normals: np.ndarray, tangents: np.ndarray) -> np.ndarray:
-        fewer = max(16, int(paths * MESH_PATHS))
-        return _estimate(stage, points, normals, tangents, fewer, seed + MESH_SEEDS, lambda _: None)[0]
-
-    return Irradiance(
-        np.array([grid.shape for grid in grids]),
-        np.concatenate([grid.ravel() for grid in grids]).astype(np.float32),
-        compute_direct(world, stage.scene, levels, rays),
-        compute_mesh_light(world, stage.scene, spacing_mm, on_meshes),
-    )
+    return Places(*(np.concatenate(part) for part in (position, normal, tangent)))
 
 
-def _estimate(
-    stage: Stage,
-    points: np.ndarray,
-    normals: np.ndarray,
-    tangents: np.ndarray,
-    paths: int,
-    seed: int,
-    progress: Callable[[float], None],
-) -> tuple[np.ndarray, np.ndarray]:
-    """(n,) means of `paths` unbiased estimates of indirect irradiance at points (n, 3), and the means' variances."""
-    mean, variance = np.empty(len(points)), np.empty(len(points))
-    batch = max(1, PATHS_A_PASS // paths)
-    batches = -(-len(points) // batch)
-    # Every batch has the same size, so that one kernel serves all; the last one wraps round.
-    for k in range(batches):
-        index = (np.arange(batch) + k * batch) % len(points)
-        samples = _sample(stage, points[index], normals[index], tangents[index], paths, seed, k)
-        fresh = min(batch, len(points) - k * batch)
-        mean[index[:fresh]] = samples.mean(axis=1, dtype=np.float64)[:fresh]
-        variance[index[:fresh]] = samples.var(axis=1, dtype=np.float64)[:fresh] / paths
-        progress(1 / batches)
-    return mean, variance
-
-
-def _sample(
-    stage: Stage, points: np.ndarray, normals: np.ndarray, tangents: np.ndarray, paths: int, seed: int, batch: int
-) -> np.ndarray:
-    """(points, paths) unbiased estimates of indirect irradiance."""
-    mi = mitsuba()
-    import drjit as dr
-
-    count = len(points) * paths
-    point = dr.arange(mi.UInt32, count) // dr.opaque(mi.UInt32, paths)
-
-    def at(values: np.ndarray) -> Any:
-        return mi.Vector3f(
-            *[dr.gather(mi.Float, mi.Float(np.ascontiguousarray(values[:, k], np.float32)), point) for k in range(3)]
-        )
-
-    position, normal, tangent = mi.Point3f(at(points)), at(normals), at(tangents)
-    sampler = mi.load_dict({"type": "independent"})
-    sampler.seed(seed + batch, count)
-    # Cosine-distributed directions on a golden-ratio lattice, the same at all points: what is left of its error changes
-    # little from point to point, and only a gradient moves a centre. Straight light from a lamp is not part of this.
-    path = mi.Float(dr.arange(mi.UInt32, count) % dr.opaque(mi.UInt32, paths))
-    shift = [opaque_float(v) for v in np.random.default_rng(seed).random(2)]
-    square = mi.Point2f((path + 0.5) / dr.opaque(mi.Float, paths) + shift[0], path * GOLDEN + shift[1])
-    local = mi.warp.square_to_cosine_hemisphere(square - dr.floor(square))
-    bitangent = dr.cross(normal, tangent)
-    ray = mi.RayDifferential3f(mi.Ray3f(position, tangent * local.x + bitangent * local.y + normal * local.z))
-    integrator = mi.load_dict({"type": "path", "max_depth": MAX_DEPTH, "rr_depth": 1000})
-    radiance, _, _ = integrator.sample(stage.scene, sampler, ray)
-    hit = stage.scene.ray_intersect(ray)
-    direct = dr.select(hit.is_valid() & stage.is_lamp(hit), hit.emitter(stage.scene).eval(hit)[0], 0)
-    total = dr.pi * (radiance[0] - direct)
-    return fetch(total).reshape(len(points), paths)
-
-
-def _nodes(mean: np.ndarray, variance: np.ndarray) -> np.ndarray:
-    """Values at nodes that span the panel, from estimates in the cells' middles.
+def _nodes(estimates: np.ndarray) -> np.ndarray:
+    """Values at nodes that span the panel, from estimates (rows, columns) in the cells' middles.
 
     Of the polynomials up to the grid's own degree the one is taken whose generalised cross-validation is least: it
     predicts a left-out estimate best, so it follows what the noise lets one see and no more (Craven and Wahba 1979).
     """
-    rows, columns = mean.shape
-    x, y = ((np.arange(n) + 0.5) / n * 2 - 1 for n in (columns, rows))
-    floor = 1e-12 * mean.mean() ** 2 + 1e-30
-    weight = 1 / np.sqrt(np.maximum(variance, floor)).reshape(-1, 1)
-    best, chosen = np.inf, (0, np.zeros(1))
-    for degree in range(min(MOST_DEGREE, min(rows, columns) - 1) + 1):
-        terms = (degree + 1) ** 2
-        if 1.5 * terms > mean.size:
-            break
-        across, up = chebyshev.chebvander(x, degree), chebyshev.chebvander(y, degree)
-        basis = np.einsum("yi,xj->yxij", up, across).reshape(-1, terms)
-        weighted = basis * weight
-        # Chebyshev products are nearly orthogonal on the grid, so the normal equations lose nothing.
-        solution = np.linalg.solve(weighted.T @ weighted, weighted.T @ (mean.ravel() * weight[:, 0]))
-        residual = (mean.ravel() - basis @ solution) * weight[:, 0]
-        score = mean.size * (residual @ residual) / (mean.size - terms) ** 2
-        if score < best:
-            best, chosen = score, (degree, solution)
-    degree, solution = chosen
-    at = np.linspace(-1, 1, SMOOTH_NODES)
-    return np.maximum(chebyshev.chebgrid2d(at, at, solution.reshape(degree + 1, degree + 1)), 0)
+    (up, up_nodes), (across, across_nodes) = (_polynomials(n) for n in estimates.shape)
+    terms = up.T @ estimates @ across
+    # On polynomials that are orthonormal on the grid, a fit of lower degree has the same coefficients, fewer of them.
+    left = (estimates**2).sum() - np.array([(terms[: d + 1, : d + 1] ** 2).sum() for d in range(len(terms))])
+    count = (np.arange(len(terms)) + 1) ** 2
+    told = 1.5 * count <= estimates.size
+    degree = int(np.argmin(left[told] / (estimates.size - count[told]) ** 2)) + 1
+    return np.maximum(up_nodes[:, :degree] @ terms[:degree, :degree] @ across_nodes[:, :degree].T, 0)
+
+
+@cache
+def _polynomials(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Polynomials that are orthonormal on the middles of `count` cells: their values there and at the nodes."""
+    # Beyond this degree a fit to even points swings between the last of them and the border (Rakhmanov 2007).
+    degree = min(MOST_DEGREE, int(2 * np.sqrt(count)) - 1)
+    middles = (np.arange(count) + 0.5) / count * 2 - 1
+    orthonormal, triangle = np.linalg.qr(chebyshev.chebvander(middles, degree))
+    at_nodes = chebyshev.chebvander(np.linspace(-1, 1, SMOOTH_NODES), degree)
+    return orthonormal, np.linalg.solve(triangle.T, at_nodes.T).T
 
 
 class IrradianceSum:

@@ -6,7 +6,6 @@ more of them until interpolation keeps the tolerance; indirect light is computed
 the mean of those near a node in place and in direction.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -31,9 +30,6 @@ TURN = 0.4
 ABOVE_MM = 0.02
 CLEAR_MM = 3.0
 """Indirect light is estimated this high above the surface, over stickers: one estimate serves all around it."""
-
-Estimate = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
-"""Indirect irradiance at points (n, 3) with normals (n, 3) and tangents (n, 3)."""
 
 
 @dataclass(frozen=True)
@@ -72,35 +68,41 @@ class MeshLight:
         return MeshLight(np.ones(sides, int), np.full(3 * sides, value, np.float32))
 
 
-def compute_mesh_light(world: World, scene: Any, spacing_mm: float, indirect: Estimate) -> MeshLight:
-    """Direct and indirect light on all meshes of a world whose Mitsuba scene is `scene`."""
-    if not world.meshes:
-        return MeshLight.even((), 0)
-    sides = Sides.of(world.meshes)
-    edge = np.linalg.norm(sides.corners_mm - np.roll(sides.corners_mm, 1, axis=1), axis=2).max(axis=1)
-    cells = np.clip(2 ** np.ceil(np.log2(np.maximum(edge / spacing_mm, 1))), 1, MOST_CELLS).astype(int)
-    smooth = _Indirect(sides, cells, spacing_mm, indirect)
-    values: list[np.ndarray] = [np.zeros(0)] * len(cells)
-    active, n = np.arange(len(cells)), cells.copy()
-    coarse: dict[int, np.ndarray] = {}
-    brightest = 0.0
-    while len(active):
-        for side, light in zip(active, _direct(world, scene, sides, active, n[active]), strict=True):
-            values[side] = light
-        if not coarse:
-            brightest = max(float(values[side].max()) for side in active)
-        unsettled = [
-            side
-            for side in active.tolist()
-            if (side not in coarse or _interpolation_error(coarse[side], values[side]) > TOLERANCE * brightest)
-            and 2 * n[side] <= MOST_CELLS
-            and edge[side] / (2 * n[side]) >= FINEST_MM
-        ]
-        coarse = {side: values[side] for side in unsettled}
-        active = np.array(unsettled, int)
-        n[active] *= 2
-    points, normals, _ = _places(sides, np.arange(len(n)), n)
-    return MeshLight(n, (np.concatenate(values) + smooth.at(points, normals)).astype(np.float32))
+class LitMeshes:
+    """Meshes of a world under direct light, and the places at which the indirect light on them is to be estimated."""
+
+    def __init__(self, world: World, scene: Any, spacing_mm: float):
+        """`scene` the world's Mitsuba scene; `spacing_mm` about between the places."""
+        sides = Sides.of(world.meshes)
+        edge = np.linalg.norm(sides.corners_mm - np.roll(sides.corners_mm, 1, axis=1), axis=2).max(axis=1)
+        cells = np.clip(2 ** np.ceil(np.log2(np.maximum(edge / spacing_mm, 1))), 1, MOST_CELLS).astype(int)
+        self.indirect = _Indirect(sides, cells, spacing_mm)
+        values: list[np.ndarray] = [np.zeros(0)] * len(cells)
+        active, n = np.arange(len(cells)), cells.copy()
+        coarse: dict[int, np.ndarray] = {}
+        brightest = 0.0
+        while len(active):
+            for side, light in zip(active, _direct(world, scene, sides, active, n[active]), strict=True):
+                values[side] = light
+            if not coarse:
+                brightest = max(float(values[side].max()) for side in active)
+            unsettled = [
+                side
+                for side in active.tolist()
+                if (side not in coarse or _interpolation_error(coarse[side], values[side]) > TOLERANCE * brightest)
+                and 2 * n[side] <= MOST_CELLS
+                and edge[side] / (2 * n[side]) >= FINEST_MM
+            ]
+            coarse = {side: values[side] for side in unsettled}
+            active = np.array(unsettled, int)
+            n[active] *= 2
+        self.points, self.normals, _ = _places(sides, np.arange(len(n)), n)
+        self.cells, self.direct = n, np.concatenate([np.zeros(0), *values])
+
+    def with_indirect(self, values: np.ndarray) -> MeshLight:
+        """All light on them, from the indirect irradiance at the places."""
+        smooth = self.indirect.at(values, self.points, self.normals)
+        return MeshLight(self.cells, (self.direct + smooth).astype(np.float32))
 
 
 def node_weights(n: int) -> np.ndarray:
@@ -148,9 +150,9 @@ def _row(i: Any, j: Any, n: Any) -> Any:
 
 
 class _Indirect:
-    """Indirect light anywhere on the sides, from estimates at places about the light's spacing apart."""
+    """Indirect light anywhere on the sides, from estimates at `places` about the light's spacing apart."""
 
-    def __init__(self, sides: Sides, cells: np.ndarray, spacing_mm: float, estimate: Estimate):
+    def __init__(self, sides: Sides, cells: np.ndarray, spacing_mm: float):
         points, normals, _ = _places(sides, np.arange(len(cells)), cells)
         self.spacing_mm = spacing_mm
         _, chosen = np.unique(np.floor(self._key(points, normals)), axis=0, return_index=True)
@@ -159,17 +161,19 @@ class _Indirect:
         tangents = np.cross(normals, helper)
         tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)
         self.tree = cKDTree(self._key(points, normals))
-        self.values = estimate(points + CLEAR_MM * normals, normals, tangents)
+        self.places = points + CLEAR_MM * normals, normals, tangents
 
     def _key(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
         return np.column_stack([points / self.spacing_mm, normals / TURN])
 
-    def at(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
+    def at(self, values: np.ndarray, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
         """(n,) the weighted mean of the nearest estimates."""
-        distance, near = self.tree.query(self._key(points, normals), min(NEAR, len(self.values)))
+        if not len(values):
+            return np.zeros(0)
+        distance, near = self.tree.query(self._key(points, normals), min(NEAR, len(values)))
         distance, near = distance.reshape(len(points), -1), near.reshape(len(points), -1)
         weight = np.exp(-2 * (distance**2 - distance[:, :1] ** 2))
-        return (weight * self.values[near]).sum(axis=1) / weight.sum(axis=1)
+        return (weight * values[near]).sum(axis=1) / weight.sum(axis=1)
 
 
 class MeshLookup:

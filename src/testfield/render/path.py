@@ -10,7 +10,7 @@ import numpy as np
 from testfield.camera.images import Radiance
 from testfield.render.camera_plugin import mitsuba_sensor
 from testfield.render.fetch import fetch
-from testfield.render.irradiance import MAX_DEPTH
+from testfield.render.gather import MAX_DEPTH
 from testfield.render.psf import PointSpread, point_spread
 from testfield.render.stage import Stage, build_stage
 from testfield.render.variant import mitsuba

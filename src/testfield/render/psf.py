@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 
+import cv2
 import numpy as np
 from scipy.signal import oaconvolve
 from scipy.special import erf
@@ -10,6 +11,10 @@ AIRY_MARGIN_PX = 32
 """Diffracted light is followed this far. What goes farther (2 airy / (pi^2 32 px), under 1 % at f/8 and 3.45 um) would
 be an even veil; it is left in proportion to the rest."""
 AIRY_GRID_PX = 256
+MOSTLY = 0.3
+"""Part of the pixels with cells of their own beyond which it takes less time to weigh every cell."""
+NEAR_PX = 8
+"""Up to here what a pixel sends is weighed cell by cell; beyond, its spread's slope is even across a pixel to 1e-5."""
 DIFFRACTION_CELLS = 6
 """Frequencies that cells alias are weaker the smaller the cells; with 6 an edge's profile errs by 0.002 of its step."""
 
@@ -26,6 +31,61 @@ class PointSpread:
     margin: int
     line: np.ndarray | None = None
     plane: np.ndarray = field(default_factory=lambda: np.ones((1, 1)))
+
+    def blurred(self, pixels: np.ndarray, row: np.ndarray, column: np.ndarray, cells: np.ndarray) -> np.ndarray:
+        """Pixels without their margin, of `pixels` (rows, columns) that lie in a margin all around.
+
+        Pixels are alike in all their cells but for those at `row`, `column` (k,), which have `cells` (k, n^2).
+        """
+        n, m = self.cells, self.margin
+        height, width = pixels.shape
+        if len(row) > MOSTLY * pixels.size:
+            fine = np.repeat(np.repeat(pixels, n, axis=0), n, axis=1)
+            fine.reshape(height, n, width, n).transpose(0, 2, 1, 3)[row, column] = cells.reshape(-1, n, n)
+            return self.weigh(fine, height - 2 * m, width - 2 * m)
+        pixels = pixels.copy()
+        pixels[row, column] = cells @ np.full(n * n, 1 / (n * n), np.float32)
+        if self.line is None:
+            return self._diffracted(pixels, row, column, cells)
+        line = self.line.reshape(2 * m + 1, n).astype(np.float32)
+        # Rows of cells are weighed along the row first, then all rows that belong to a pixel with each other.
+        beside = np.pad(_filtered(pixels, line.sum(axis=1)[None]), ((0, 0), (m, m)))
+        rest = (cells - pixels[row, column][:, None]).reshape(-1, n, n)
+        at = row * (width + 2 * m) + column + 2 * m
+        image = np.zeros((height - 2 * m, width - 2 * m), np.float32)
+        for k in range(n):
+            rows = beside.copy()
+            flat = rows.reshape(-1)
+            for d, share in enumerate(line @ np.ascontiguousarray(rest[:, k].T)):
+                flat[at - d] += share  # no two pixels of a row send to the same one
+            image += _filtered(rows, line[:, k : k + 1])[m : height - m, 2 * m : width]
+        return image
+
+    def _diffracted(self, pixels: np.ndarray, row: np.ndarray, column: np.ndarray, cells: np.ndarray) -> np.ndarray:
+        """As `blurred` where rows and columns of weights do not separate.
+
+        Near a pixel the weights of all its cells count, far from it those of the pixel and their slopes across it.
+        """
+        n, m = self.cells, self.margin
+        weights = self.plane.reshape(2 * m + 1, n, 2 * m + 1, n).transpose(1, 3, 0, 2)
+        whole = weights.sum(axis=(0, 1))
+        image = _correlated(pixels, whole)
+        if n == 1:
+            return image
+        rest = cells - pixels[row, column][:, None]
+        at = (np.arange(n) + 0.5) / n - 0.5
+        near = slice(m - NEAR_PX, m + NEAR_PX + 1)
+        for moment, ways in ((np.repeat(at, n), "a"), (np.tile(at, n), "b")):
+            slope = np.einsum(f"{ways},abyx->yx", at, weights) / (n * (at @ at))
+            slope[near, near] = 0
+            dipole = np.zeros_like(pixels)
+            dipole[row, column] = rest @ moment.astype(np.float32)
+            image += _correlated(dipole, slope)
+        full = np.zeros(np.array(pixels.shape), np.float32)
+        full[m : pixels.shape[0] - m, m : pixels.shape[1] - m] = image
+        by_cell = weights[:, :, near, near].reshape(n * n, -1).astype(np.float32)
+        _add_around(full, row, column, rest @ by_cell, NEAR_PX)
+        return full[m : pixels.shape[0] - m, m : pixels.shape[1] - m]
 
     def weigh(self, fine: np.ndarray, rows: int, columns: int) -> np.ndarray:
         """(rows, columns) pixels from the cells of these pixels and of the margin all around them."""
@@ -45,6 +105,29 @@ class PointSpread:
             for b in range(n)
         ]
         return np.sum(parts, axis=0)[:rows, :columns].astype(np.float32)
+
+
+def _filtered(pixels: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    return cv2.filter2D(pixels, -1, weights, borderType=cv2.BORDER_CONSTANT)
+
+
+def _correlated(pixels: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    return oaconvolve(pixels, weights[::-1, ::-1].astype(np.float32), "valid")
+
+
+def _add_around(image: np.ndarray, row: np.ndarray, column: np.ndarray, shares: np.ndarray, reach: int) -> None:
+    """Add `shares` (k, (2 reach + 1)^2) of what pixels at `row`, `column` (k,) send to those that have them near.
+
+    A share's place is that of the sender as the receiver sees it.
+    """
+    height, width = image.shape
+    wide = np.zeros((height + 2 * reach, width + 2 * reach), np.float32)
+    flat, stride = wide.ravel(), wide.shape[1]
+    at = (row + 2 * reach) * stride + column + 2 * reach
+    for k, share in enumerate(shares.T):
+        down, right = divmod(k, 2 * reach + 1)
+        flat[at - down * stride - right] += share  # no two of the pixels send to the same one
+    image += wide[reach : reach + height, reach : reach + width]
 
 
 def point_spread(cells: int, sigma_px: float, airy_px: float, shots: int = 1) -> PointSpread:

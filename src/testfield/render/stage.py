@@ -20,7 +20,7 @@ class Stage:
     """`scene` the Mitsuba scene; `texture` the pattern all panels share, which also tells a hit's panel and holds the
     exact surfaces of bent ones; `materials` what is printed with; `panel_shape` tells of each shape's number whether it
     is a panel; `mesh_numbers` Dr.Jit's numbers of the meshes' shapes; `still` and `moving` the same scene in two parts
-    where the target moves during the exposure."""
+    where the target moves during the exposure; `flash_at` the station whose flash is part of the scene."""
 
     world: World
     scene: Any
@@ -30,6 +30,7 @@ class Stage:
     mesh_numbers: tuple[int, ...] = ()
     still: Any = None
     moving: Any = None
+    flash_at: int | None = None
 
     def is_panel(self, hit: Any) -> Any:
         """Whether hits lie on a panel, and not on a lamp or a mesh."""
@@ -138,6 +139,7 @@ def build_stage(world: World, flash_at: int | None = None) -> Stage:
         materials=materials,
         panel_shape=mi.UInt32(is_panel),
         mesh_numbers=bodies,
+        flash_at=flash_at,
     )
     if not world.motion.target.moves:
         return stage

@@ -15,8 +15,9 @@ from testfield.render.bounce import flash_bounce
 from testfield.render.camera_plugin import CameraRays
 from testfield.render.fast import render_fast
 from testfield.render.fetch import fetch
+from testfield.render.gather import MAX_DEPTH
 from testfield.render.gloss import gloss_estimate, pixel_estimate
-from testfield.render.irradiance import MAX_DEPTH, Irradiance
+from testfield.render.irradiance import Irradiance
 from testfield.render.path import PILOT_SAMPLES, path_noise, render_path
 from testfield.render.sampled import sample_to_target
 from testfield.render.stage import Stage, build_stage

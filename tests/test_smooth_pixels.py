@@ -1,0 +1,209 @@
+"""Pixels that no edge crosses are seen by one ray: nothing may be lost by it, in any kind of world."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from testfield.camera.motion import Motion, Twist
+from testfield.camera.optics import Optics
+from testfield.camera.pose import Poses
+from testfield.render import edges, fast, outlines
+from testfield.render.irradiance import Irradiance
+from testfield.render.shots import shots
+from testfield.render.stage import build_stage
+from testfield.scene.build import build_world
+from testfield.scene.load import load_scene
+from testfield.scene.world import Dirt, Retro, TrueMesh, World
+
+SCENES = Path(__file__).parents[1] / "scenes"
+SAME = 2e-5
+"""Of white: what differs by where float32 rounds."""
+LOST = 2e-3
+"""Of white: an outline that was forgotten differs by far more."""
+
+
+def small(world: World, width_px: int = 400) -> World:
+    """The world seen by a camera of fewer pixels and the same field of view."""
+    scale = width_px / world.interior.width_px
+    parameters = world.interior.parameters.copy()
+    parameters[:2] *= scale
+    parameters[2:4] = (parameters[2:4] + 0.5) * scale - 0.5
+    height_px = int(world.interior.height_px * scale)
+    return replace(
+        world,
+        interior=replace(world.interior, width_px=width_px, height_px=height_px, parameters=parameters),
+        motion=replace(world.motion, row_s=world.motion.row_s / scale),
+    )
+
+
+def scene(name: str) -> World:
+    return small(build_world(load_scene(SCENES / f"{name}.toml")))
+
+
+def bent(world: World) -> World:
+    curvature = np.where(world.panels.of_room, 0.0, 3e-4 * np.resize([1, -1], len(world.panels)))
+    axis = np.linspace(0, np.pi, len(world.panels))
+    return replace(world, panels=replace(world.panels, curvature_per_mm=curvature, bend_axis_rad=axis))
+
+
+def rolled(world: World) -> World:
+    """One board rolled up to a half cylinder that turns its back within the image."""
+    curvature = np.zeros(len(world.panels))
+    curvature[0] = np.pi / world.panels.size_mm[0].max()
+    axis = np.full(len(world.panels), 0.3)
+    return replace(world, panels=replace(world.panels, curvature_per_mm=curvature, bend_axis_rad=axis))
+
+
+def dirty(world: World) -> World:
+    panel = world.marks.panel[::3]
+    aside = world.marks.xy_mm[::3] + [0.4, 0.7] * world.marks.diameter_mm[::3, None]
+    spots = Dirt(panel, aside, world.marks.diameter_mm[::3] * 0.7, np.linspace(0.02, 0.9, len(panel)))
+    return replace(world, dirt=spots)
+
+
+def with_lamp_in_view(world: World) -> World:
+    middle = world.mark_world_mm.mean(axis=0)
+    eye = world.camera_from_world.origin_mm[0]
+    lamp = world.lights[0]
+    z = (eye - middle) / np.linalg.norm(eye - middle)
+    x = np.cross([0, 0, 1.0], z) / np.linalg.norm(np.cross([0, 0, 1.0], z))
+    pose = Poses(np.column_stack([x, np.cross(z, x), z])[None], (0.3 * eye + 0.7 * middle)[None])
+    return replace(world, lights=(replace(lamp, world_from_light=pose, size_mm=(90.0, 40.0)),))
+
+
+def with_meshes(world: World) -> World:
+    """A needle thinner than a pixel before the boards, a block that stands through one, and a plate of one triangle."""
+    middle, eye = world.mark_world_mm.mean(axis=0), world.camera_from_world.origin_mm[0]
+    block = np.array([[x, y, z] for x in (-60, 60) for y in (-60, 60) for z in (-60, 60)], float)
+    faces = np.array(
+        [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4]]
+        + [[1, 5, 7], [1, 7, 3]]
+    )
+    at = world.panels.world_from_panel.t_mm[world.marks.panel[0]]
+    needle = (block * [0.012, 5.0, 0.012]) + 0.6 * eye + 0.4 * middle
+    plate = middle + 0.3 * (eye - middle) + np.array([[-50, 0, 0], [50, 0, 0], [0, 0, 80.0]])
+    return replace(
+        world,
+        meshes=(
+            TrueMesh("needle", needle, faces, 0.9, True),
+            TrueMesh("block", at + block, faces, 0.6, True),
+            TrueMesh("plate", plate, np.array([[0, 1, 2]]), 0.3, False),
+        ),
+    )
+
+
+WORLDS: dict[str, Callable[[], World]] = {
+    "dots, rings, crossing walls": lambda: scene("quick"),
+    "squares and tags": lambda: scene("charuco"),
+    "sharper than the pixel": lambda: replace(scene("quick"), psf_sigma_px=0.0),
+    "diffraction": lambda: replace(scene("quick"), optics=Optics(airy_px=0.9)),
+    "bent boards": lambda: bent(scene("quick")),
+    "a rolled board": lambda: rolled(scene("quick")),
+    "dirt": lambda: dirty(scene("quick")),
+    "a lamp in view": lambda: with_lamp_in_view(scene("quick")),
+    "meshes": lambda: with_meshes(scene("quick")),
+    "a fisheye": lambda: small(fisheye()),
+    "defocus": lambda: replace(scene("quick"), optics=Optics(aperture_mm=6.0, focus_mm=1800.0)),
+    "a camera in the hand, rows one after the other": lambda: scene("hand_held"),
+    "a target that moves before a room at rest": lambda: replace(
+        scene("quick"), motion=Motion(target=Twist(velocity_mm_s=(300.0, 0.0, 120.0)), exposure_s=0.02)
+    ),
+}
+
+
+def fisheye() -> World:
+    whole = load_scene(SCENES / "quick.toml")
+    none = dict.fromkeys(("k1", "k2", "k3", "p1", "p2"), 0.0)
+    camera = whole.camera.model_copy(update=none | {"lens": "fisheye", "k1": 0.02, "focal_length_mm": 3.0})
+    return build_world(whole.model_copy(update={"camera": camera}))
+
+
+@pytest.mark.parametrize("kind", WORLDS)
+def test_one_ray_where_no_edge_is_loses_nothing(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    world = WORLDS[kind]()
+    stage, light = build_stage(world), Irradiance.even(len(world.panels), np.pi, world.meshes)
+    with_less = fast.render_fast(stage, light, 0, 3, blur_shots=16).values
+    found = edges.edge_pixels(world, light.direct, 0, shots(world, 0, 16), 0)
+    assert 0.01 < found.mean() < 0.6
+    monkeypatch.setattr(fast, "edge_pixels", lambda world, light, station, exposure, margin: everywhere(world, margin))
+    with_all = fast.render_fast(stage, light, 0, 3, blur_shots=16).values
+    off = np.abs(with_less - with_all) / np.percentile(with_all, 99)
+    # Where an outline meets the middle of a cell, float32 decides on which side of it: a hundredth of a pixel, seldom.
+    assert np.quantile(off, 0.999) < SAME
+    assert (off > LOST).mean() < 2e-5
+
+
+def everywhere(world: World, margin: int) -> np.ndarray:
+    return np.ones((world.interior.height_px + 2 * margin, world.interior.width_px + 2 * margin), bool)
+
+
+@pytest.mark.parametrize(
+    ("kind", "forgotten"),
+    [
+        ("dots, rings, crossing walls", "_circles"),
+        ("dots, rings, crossing walls", "_spokes"),
+        ("dots, rings, crossing walls", "_cuts"),
+        ("squares and tags", "_steps"),
+        ("a lamp in view", "_borders"),
+        ("a rolled board", "_turning"),
+        ("meshes", "_edges"),
+        ("meshes", "_slices"),
+    ],
+)
+def test_an_outline_that_is_forgotten_is_seen(kind: str, forgotten: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    world = WORLDS[kind]()
+    light = Irradiance.even(len(world.panels), np.pi, world.meshes)
+    whole = edges.edge_pixels(world, light.direct, 0, np.zeros((1, 3)), 0)
+    function = getattr(outlines, forgotten)
+
+    def nothing(*given: object) -> object:
+        made = function(*given)
+        if isinstance(made, tuple):
+            return tuple(column[:0] for column in made)
+        return made[:0]
+
+    monkeypatch.setattr(outlines, forgotten, nothing)
+    less = edges.edge_pixels(world, light.direct, 0, np.zeros((1, 3)), 0)
+    assert (whole & ~less).sum() > 20 and not (less & ~whole).any()
+
+
+def test_retro_reflecting_marks_show_the_room_behind_the_eye_cell_by_cell() -> None:
+    world = scene("retro_flash")
+    lit = replace(world, flash=None)
+    assert world.retro is not None
+    inside = edges.edge_pixels(lit, Irradiance.even(len(lit.panels), np.pi).direct, 0, np.zeros((1, 3)), 0)
+    matt = replace(lit, retro=None)
+    less = edges.edge_pixels(matt, Irradiance.even(len(lit.panels), np.pi).direct, 0, np.zeros((1, 3)), 0)
+    assert (inside & ~less).any() and not (less & ~inside).any()
+
+
+def test_lights_without_size_throw_shadows_anywhere() -> None:
+    world = scene("retro_flash")
+    light = Irradiance.even(len(world.panels), np.pi)
+    assert edges.edge_pixels(world, light.direct, 0, np.zeros((1, 3)), 0).all()
+
+
+def test_a_sharp_shadow_is_seen_cell_by_cell_and_a_soft_one_is_not() -> None:
+    world = scene("quick")
+    even = Irradiance.even(len(world.panels), np.pi).direct
+    nodes, panel = 33, int(np.flatnonzero(world.panels.of_room | True)[world.marks.panel[0]])
+    counts = np.full(len(world.panels), 2)
+    counts[panel] = nodes
+    step = np.tile(np.where(np.arange(nodes) < nodes // 2, 1.0, 0.2), (nodes, 1))
+    slope = np.tile(np.linspace(1.0, 0.2, nodes), (nodes, 1))
+
+    def found(values: np.ndarray) -> np.ndarray:
+        tiles = [values if k == panel else np.ones((2, 2)) for k in range(len(world.panels))]
+        light = replace(even, nodes=counts, values=np.concatenate([tile.ravel() for tile in tiles]).astype(np.float32))
+        return edges.edge_pixels(world, light, 0, np.zeros((1, 3)), 0)
+
+    plain = edges.edge_pixels(world, even, 0, np.zeros((1, 3)), 0)
+    assert (found(slope) == plain).all()
+    assert (found(step) & ~plain).sum() > 200
+
+
+def test_retro_is_the_material_of_that_scene() -> None:
+    assert isinstance(scene("retro_flash").retro, Retro)
