@@ -30,8 +30,8 @@ def below(*rectangles: tuple[float, float, float, float]) -> np.ndarray:
 
 
 def test_half_of_a_lamp_behind_a_straight_edge_is_half_its_light() -> None:
-    assert below((-150, 300, 0, 400)) == pytest.approx(0.5, abs=1e-5)
-    assert below((0, 300, 100, 200)) == pytest.approx(0.5, abs=1e-5)
+    assert below((-150, 300, 0, 400)) == pytest.approx(0.5, abs=3e-4)
+    assert below((0, 300, 100, 200)) == pytest.approx(0.5, abs=3e-4)
 
 
 def test_a_window_in_the_middle_hides_its_own_part() -> None:
@@ -40,16 +40,16 @@ def test_a_window_in_the_middle_hides_its_own_part() -> None:
     weight = 1 / (u**2 + v**2 + 2000**2) ** 2
     hidden = (np.abs(u - 40) < 50) & (np.abs(v) < 30)
     part = 1 - (weight * hidden).sum() / weight.sum()
-    assert below((20, 50, 0, 30)) == pytest.approx(part, abs=2e-3)  # 30 mm are a whole number of lines and a half
+    assert below((20, 50, 0, 30)) == pytest.approx(part, abs=3e-4)
 
 
 def test_what_two_rectangles_hide_counts_once() -> None:
     one = below((-150, 300, 0, 400))
     assert below((-150, 300, 0, 400), (-150, 300, 0, 400)) == one
-    assert below((-150, 300, 0, 400), (-120, 300, 0, 400)) == below((-120, 300, 0, 400))
-    assert below((-150, 300, 0, 400), (150, 300, 0, 400)) == 0
+    assert below((-150, 300, 0, 400), (-120, 300, 0, 400)) == pytest.approx(below((-120, 300, 0, 400)), abs=1e-6)
+    assert below((-150, 300, 0, 400), (150, 300, 0, 400)) < 1e-6
     apart = below((-60, 20, 0, 400)) + below((60, 20, 0, 400)) - 1
-    assert below((-60, 20, 0, 400), (60, 20, 0, 400)) == pytest.approx(apart, abs=1e-6)
+    assert below((-60, 20, 0, 400), (60, 20, 0, 400)) == pytest.approx(apart, abs=5e-4)
 
 
 def test_what_lies_behind_the_lamp_or_the_point_hides_nothing() -> None:
@@ -64,7 +64,7 @@ def test_what_lies_behind_the_lamp_or_the_point_hides_nothing() -> None:
 def test_a_rectangle_on_edge_hides_nothing_and_one_that_is_tilted_hides_what_rays_say() -> None:
     random = np.random.default_rng(5)
     here, up = np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]])
-    u, v = np.meshgrid(((np.arange(2000) + 0.5) / 2000 - 0.5) * 400, ((np.arange(1000) + 0.5) / 1000 - 0.5) * 200)
+    u, v = np.meshgrid(((np.arange(1000) + 0.5) / 1000 - 0.5) * 400, ((np.arange(500) + 0.5) / 500 - 0.5) * 200)
     places = np.stack([u, -v, np.full_like(u, 2000.0)], axis=-1)
     weight = 1 / (places**2).sum(axis=-1) ** 2
     for _ in range(20):
@@ -75,7 +75,7 @@ def test_a_rectangle_on_edge_hides_nothing_and_one_that_is_tilted_hides_what_ray
         on = (at[..., None] * places - middle) @ R[0]
         hidden = (at > 0) & (at < 1) & (np.abs(on[..., 0]) < size[0] / 2) & (np.abs(on[..., 1]) < size[1] / 2)
         part = 1 - (weight * hidden).sum() / weight.sum()
-        assert visible_part(LAMP, shade, here, up, np.ones((1, 1), bool))[0] == pytest.approx(part, abs=1.5e-3)
+        assert visible_part(LAMP, shade, here, up, np.ones((1, 1), bool))[0] == pytest.approx(part, abs=5e-4)
         assert shade.may_hide(0, LAMP, here)[0] or part == 1
 
 

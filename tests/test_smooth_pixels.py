@@ -14,13 +14,17 @@ from testfield.render import edges, fast, outlines
 from testfield.render.irradiance import Irradiance
 from testfield.render.shots import shots
 from testfield.render.stage import build_stage
+from testfield.render.vignetting import vignettes
 from testfield.scene.build import build_world
 from testfield.scene.load import load_scene
-from testfield.scene.world import Dirt, Retro, TrueMesh, World
+from testfield.scene.world import Dirt, TrueMesh, World
 
 SCENES = Path(__file__).parents[1] / "scenes"
 SAME = 2e-5
 """Of white: what differs by where float32 rounds."""
+STEEP = 2e-4
+"""Of white, in an image so small that vignetting changes by a thousandth from pixel to pixel: a tenth of that change,
+which a pixel that is alike in all its cells leaves out beside an edge."""
 LOST = 2e-3
 """Of white: an outline that was forgotten differs by far more."""
 
@@ -64,6 +68,14 @@ def dirty(world: World) -> World:
     return replace(world, dirt=spots)
 
 
+def with_crossing_walls(world: World) -> World:
+    """The wall stands in the room and through the floor, which goes on behind it."""
+    rest, wall = world.panels.world_from_panel, world.panels.name.index("wall")
+    t_mm = rest.t_mm.copy()
+    t_mm[wall] += 400 * rest.R[wall, :, 2] - [0, 0, 200]
+    return replace(world, panels=replace(world.panels, world_from_panel=Poses(rest.R, t_mm)))
+
+
 def with_lamp_in_view(world: World) -> World:
     middle = world.mark_world_mm.mean(axis=0)
     eye = world.camera_from_world.origin_mm[0]
@@ -96,7 +108,8 @@ def with_meshes(world: World) -> World:
 
 
 WORLDS: dict[str, Callable[[], World]] = {
-    "dots, rings, crossing walls": lambda: scene("quick"),
+    "dots and rings": lambda: scene("quick"),
+    "walls that cut each other": lambda: with_crossing_walls(scene("quick")),
     "squares and tags": lambda: scene("charuco"),
     "sharper than the pixel": lambda: replace(scene("quick"), psf_sigma_px=0.0),
     "diffraction": lambda: replace(scene("quick"), optics=Optics(airy_px=0.9)),
@@ -132,7 +145,7 @@ def test_one_ray_where_no_edge_is_loses_nothing(kind: str, monkeypatch: pytest.M
     with_all = fast.render_fast(stage, light, 0, 3, blur_shots=16).values
     off = np.abs(with_less - with_all) / np.percentile(with_all, 99)
     # Where an outline meets the middle of a cell, float32 decides on which side of it: a hundredth of a pixel, seldom.
-    assert np.quantile(off, 0.999) < SAME
+    assert np.quantile(off, 0.999) < (STEEP if vignettes(world) else SAME)
     assert (off > LOST).mean() < 2e-5
 
 
@@ -143,9 +156,9 @@ def everywhere(world: World, margin: int) -> np.ndarray:
 @pytest.mark.parametrize(
     ("kind", "forgotten"),
     [
-        ("dots, rings, crossing walls", "_circles"),
-        ("dots, rings, crossing walls", "_spokes"),
-        ("dots, rings, crossing walls", "_cuts"),
+        ("dots and rings", "_circles"),
+        ("dots and rings", "_spokes"),
+        ("walls that cut each other", "_cuts"),
         ("squares and tags", "_steps"),
         ("a lamp in view", "_borders"),
         ("a rolled board", "_turning"),
@@ -154,10 +167,14 @@ def everywhere(world: World, margin: int) -> np.ndarray:
     ],
 )
 def test_an_outline_that_is_forgotten_is_seen(kind: str, forgotten: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    world = WORLDS[kind]()
+    world = small(WORLDS[kind](), 1600)
     light = Irradiance.even(len(world.panels), np.pi, world.meshes)
-    whole = edges.edge_pixels(world, light.direct, 0, np.zeros((1, 3)), 0)
-    function = getattr(outlines, forgotten)
+
+    def found() -> np.ndarray:
+        stations = range(len(world.station_name))
+        return np.stack([edges.edge_pixels(world, light.direct, k, np.zeros((1, 3)), 0) for k in stations])
+
+    whole, function = found(), getattr(outlines, forgotten)
 
     def nothing(*given: object) -> object:
         made = function(*given)
@@ -166,13 +183,13 @@ def test_an_outline_that_is_forgotten_is_seen(kind: str, forgotten: str, monkeyp
         return made[:0]
 
     monkeypatch.setattr(outlines, forgotten, nothing)
-    less = edges.edge_pixels(world, light.direct, 0, np.zeros((1, 3)), 0)
+    less = found()
     assert (whole & ~less).sum() > 20 and not (less & ~whole).any()
 
 
 def test_retro_reflecting_marks_show_the_room_behind_the_eye_cell_by_cell() -> None:
     world = scene("retro_flash")
-    lit = replace(world, flash=None)
+    lit = replace(world, flash=None, point_lights=())
     assert world.retro is not None
     inside = edges.edge_pixels(lit, Irradiance.even(len(lit.panels), np.pi).direct, 0, np.zeros((1, 3)), 0)
     matt = replace(lit, retro=None)
@@ -189,7 +206,7 @@ def test_lights_without_size_throw_shadows_anywhere() -> None:
 def test_a_sharp_shadow_is_seen_cell_by_cell_and_a_soft_one_is_not() -> None:
     world = scene("quick")
     even = Irradiance.even(len(world.panels), np.pi).direct
-    nodes, panel = 33, int(np.flatnonzero(world.panels.of_room | True)[world.marks.panel[0]])
+    nodes, panel = 33, int(world.marks.panel[0])
     counts = np.full(len(world.panels), 2)
     counts[panel] = nodes
     step = np.tile(np.where(np.arange(nodes) < nodes // 2, 1.0, 0.2), (nodes, 1))
@@ -203,7 +220,3 @@ def test_a_sharp_shadow_is_seen_cell_by_cell_and_a_soft_one_is_not() -> None:
     plain = edges.edge_pixels(world, even, 0, np.zeros((1, 3)), 0)
     assert (found(slope) == plain).all()
     assert (found(step) & ~plain).sum() > 200
-
-
-def test_retro_is_the_material_of_that_scene() -> None:
-    assert isinstance(scene("retro_flash").retro, Retro)

@@ -86,7 +86,9 @@ def _eye(world: World, motion: Motion, station: int, shot: np.ndarray) -> Seen:
         camera = rest.apply(world_mm) if not motion.moves else motion.camera_from_rest(rest, at_s).apply(world_mm)
         px = pixels(camera)
         for _ in range(4 if motion.moves and motion.row_s else 0):
-            at_s = time_s + np.nan_to_num((px[:, 1] - (interior.height_px - 1) / 2) * motion.row_s)
+            # Rows far beyond the image have no time of their own: what is out of view stays there.
+            row = np.clip(np.nan_to_num(px[:, 1]), -interior.height_px, 2 * interior.height_px)
+            at_s = time_s + (row - (interior.height_px - 1) / 2) * motion.row_s
             camera = motion.camera_from_rest(rest, at_s).apply(world_mm)
             px = pixels(camera)
         return px, camera / np.linalg.norm(camera, axis=1, keepdims=True)

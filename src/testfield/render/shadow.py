@@ -16,7 +16,10 @@ from testfield.render.variant import mitsuba
 from testfield.scene.world import AreaLight
 
 LINES = 64
-"""Lines on a lamp; a power of two. The sum of the middles of equal strips errs by their width squared."""
+"""Lines on a lamp; a power of two. The sum of the middles of equal strips errs by their width squared, over the sine of
+the angle between the lines and an edge's shadow."""
+WAYS = [(float(np.cos(a)), float(np.sin(a))) for a in np.pi * (np.arange(4) / 4 + 1 / 16)]
+"""Ways that the lines may run: each point takes the one farthest from the shadows of all edges before the lamp."""
 THREADS_A_PASS = 1 << 22
 GAUSS = np.polynomial.legendre.leggauss(4)
 
@@ -96,28 +99,74 @@ class _Shades:
             for values in (points_mm, normals)
         )
         first, last = (dr.gather(mi.UInt32, mi.UInt32(v.astype(np.uint32)), point) for v in (begin, end))
-        v = ((mi.Float(line) + 0.5) * (2 / LINES) - 1) * self.half_v
-        seen, whole = self._along_line(position, normal, self.middle + v * self.up, first, last)
+        cosine, sine = self._way(position, first, last)
+        reach = self.half_u * dr.abs(sine) + self.half_v * dr.abs(cosine)
+        v = ((mi.Float(line) + 0.5) * (2 / LINES) - 1) * reach
+        x, y = -v * sine, v * cosine
+        low, high = -2 * (self.half_u + self.half_v), 2 * (self.half_u + self.half_v)
+        for at, by, half in ((x, cosine, self.half_u), (y, sine, self.half_v)):
+            low, high = _clipped(half - at, -by, *_clipped(half + at, by, low, high))
+        on_line, along = self.middle + x * self.along + y * self.up, cosine * self.along + sine * self.up
+        seen, whole = self._along_line(position, normal, on_line, along, low, high, first, last)
         dr.eval(seen, whole)
         sums = [fetch(dr.block_sum(values, LINES)).astype(float) for values in (seen, whole)]
         return np.minimum(sums[0] / np.maximum(sums[1], 1e-300), 1)
 
-    def _along_line(self, position: Any, normal: Any, on_line: Any, first: Any, last: Any) -> tuple[Any, Any]:
-        """Light from the line through `on_line` (u = 0): what is not hidden, and all of it."""
+    def _way(self, position: Any, first: Any, last: Any) -> tuple[Any, Any]:
+        """Of `WAYS` the one whose smallest angle with the shadows of the rectangles' edges is largest."""
+        mi = mitsuba()
+        import drjit as dr
+
+        def ask(k: Any, *least: Any) -> tuple[Any, ...]:
+            rectangle = dr.gather(mi.UInt32, self.asked, k)
+            middle = self._vector(self.middles, rectangle) - position
+            axes = [self._vector(columns, rectangle) for columns in self.axes[:2]]
+            halves = [dr.gather(mi.Float, half, rectangle) for half in self.halves]
+            for own, other, half in ((axes[0], axes[1], halves[1]), (axes[1], axes[0], halves[0])):
+                for side in (-half, half):
+                    # The plane of the eye and an edge cuts the lamp's in the edge's shadow.
+                    shadow = dr.cross(dr.cross(middle + side * other, own), self.facing)
+                    x, y = dr.dot(shadow, self.along), dr.dot(shadow, self.up)
+                    length = dr.maximum(dr.sqrt(x * x + y * y), 1e-30)
+                    least = tuple(
+                        dr.minimum(so_far, dr.abs(x * sine - y * cosine) / length)
+                        for so_far, (cosine, sine) in zip(least, WAYS, strict=True)
+                    )
+            return k + 1, *least
+
+        state = mi.UInt32(first), *(mi.Float(1) for _ in WAYS)
+        _, *least = dr.while_loop(state, lambda k, *_: k < last, ask, label="edges")
+        best, (cosine, sine) = least[0], (mi.Float(v) for v in WAYS[0])
+        for angle, way in zip(least[1:], WAYS[1:], strict=True):
+            better = angle > best
+            best = dr.select(better, angle, best)
+            cosine, sine = dr.select(better, way[0], cosine), dr.select(better, way[1], sine)
+        return cosine, sine
+
+    def _vector(self, columns: list[Any], k: Any) -> Any:
+        mi = mitsuba()
+        import drjit as dr
+
+        return mi.Vector3f(*[dr.gather(mi.Float, column, k) for column in columns])
+
+    def _along_line(
+        self, position: Any, normal: Any, on_line: Any, along: Any, low: Any, high: Any, first: Any, last: Any
+    ) -> tuple[Any, Any]:
+        """Light from points `on_line` + u `along`, u from `low` to `high`: what is not hidden, and all of it."""
         mi = mitsuba()
         import drjit as dr
 
         to = on_line - position
         height = dr.dot(-to, self.facing)
-        rise, slope = dr.dot(to, normal), dr.dot(self.along, normal)
+        rise, slope = dr.dot(to, normal), dr.dot(along, normal)
         # The lamp sinks behind the point's horizon where rise + slope u turns negative.
-        low, high = _clipped(rise, slope, -self.half_u, self.half_u)
+        low, high = _clipped(rise, slope, low, high)
 
         def light_between(a: Any, b: Any) -> Any:
             total = mi.Float(0)
             for at, weight in zip(*GAUSS, strict=True):
                 u = (a + b) / 2 + (b - a) / 2 * float(at)
-                total += float(weight) / 2 * (rise + slope * u) / dr.square(dr.squared_norm(to + u * self.along))
+                total += float(weight) / 2 * (rise + slope * u) / dr.square(dr.squared_norm(to + u * along))
             return height * dr.maximum(b - a, 0) * total
 
         def step(u: Any, total: Any) -> tuple[Any, Any]:
@@ -125,7 +174,7 @@ class _Shades:
 
             def ask(k: Any, reach: Any, ahead: Any) -> tuple[Any, Any, Any]:
                 rectangle = dr.gather(mi.UInt32, self.asked, k)
-                a, b = self._hidden(rectangle, position, on_line, low, high)
+                a, b = self._hidden(rectangle, position, on_line, along, low, high)
                 covers = (a <= u) & (b > u)
                 reach = dr.select(covers, dr.maximum(reach, b), reach)
                 ahead = dr.select((a > u) & (b > a), dr.minimum(ahead, a), ahead)
@@ -139,25 +188,22 @@ class _Shades:
         _, seen = dr.while_loop((mi.Float(low), mi.Float(0)), lambda u, _: u < high, step, label="gaps")
         return seen, light_between(low, high)
 
-    def _hidden(self, k: Any, position: Any, on_line: Any, low: Any, high: Any) -> tuple[Any, Any]:
+    def _hidden(self, k: Any, position: Any, on_line: Any, along: Any, low: Any, high: Any) -> tuple[Any, Any]:
         """What rectangle k hides of the line between `low` and `high`; nothing where the second is not larger."""
         mi = mitsuba()
         import drjit as dr
 
-        def vector(columns: list) -> Any:
-            return mi.Vector3f(*[dr.gather(mi.Float, column, k) for column in columns])
-
-        middle, normal = vector(self.middles), vector(self.axes[2])
+        middle, normal = self._vector(self.middles, k), self._vector(self.axes[2], k)
         own, there = position - middle, on_line - middle
         far = dr.dot(own, normal)
         side, far = dr.sign(far), dr.abs(far)
-        beyond, beyond_by = side * dr.dot(there, normal), side * dr.dot(self.along, normal)
+        beyond, beyond_by = side * dr.dot(there, normal), side * dr.dot(along, normal)
         low, high = _clipped(-beyond, -beyond_by, low, high)
         for axis, half in zip(self.axes, self.halves, strict=False):
-            axis, half = vector(axis), dr.gather(mi.Float, half, k)
+            axis, half = self._vector(axis, k), dr.gather(mi.Float, half, k)
             p = dr.dot(own, axis)
             room, room_by = half * (far - beyond), -half * beyond_by
-            aside, aside_by = far * dr.dot(there, axis) - p * beyond, far * dr.dot(self.along, axis) - p * beyond_by
+            aside, aside_by = far * dr.dot(there, axis) - p * beyond, far * dr.dot(along, axis) - p * beyond_by
             low, high = _clipped(room - aside, room_by - aside_by, low, high)
             low, high = _clipped(room + aside, room_by + aside_by, low, high)
         return low, high
