@@ -219,3 +219,12 @@ def test_of_many_lengths_the_page_shows_the_largest_errors(by_hand: HandMade) ->
     rows = Page(accept_page(by_hand.world, card, found, None, [])).table("line", "ends")
     assert len(rows) == MOST_ROWS
     assert [abs(float(row[6])) for row in rows] == pytest.approx([k * UM for k in range(44, 14, -1) for _ in (1, -1)])
+
+
+def test_as_many_lengths_as_a_page_shows_stay_in_their_order(by_hand: HandMade) -> None:
+    card, found = acceptance(volume(1200.0, 2000.0, 1000.0), by_hand.world, by_hand.calibration, by_hand.points)
+    for count in (MOST_ROWS, MOST_ROWS + 1):
+        card["rows"] = [card["rows"][0] | {"dl_mm": k * UM} for k in range(count)]
+        rows = Page(accept_page(by_hand.world, card, found, None, [])).table("line", "ends")
+        first = 0.0 if count == MOST_ROWS else MOST_ROWS * UM
+        assert len(rows) == MOST_ROWS and float(rows[0][6]) == pytest.approx(first)
