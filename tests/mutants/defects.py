@@ -903,4 +903,86 @@ STUDIES = [
         UNMEASURED,
     ),
 ]
-DEFECTS = [*STUDIES, *CERTIFICATES, *SCORE, *EDGES, *REPORT, *ACCEPTANCE, *CHAIN, *SEEDS, *STATISTICS, *BENCH, *PHYSICS]
+SMOOTH = "tests/test_smooth_pixels.py::test_one_ray_where_no_edge_is_loses_nothing[dots and rings]"
+SHAKEN = "tests/test_smooth_pixels.py::test_one_ray_where_no_edge_is_loses_nothing[defocus]"
+SHARP = "tests/test_smooth_pixels.py::test_a_sharp_shadow_is_seen_cell_by_cell_and_a_soft_one_is_not"
+ONCE = "tests/test_shadows.py::test_what_two_rectangles_hide_counts_once"
+WINDOW = "tests/test_shadows.py::test_a_window_in_the_middle_hides_its_own_part"
+BEHIND = "tests/test_shadows.py::test_what_lies_behind_the_lamp_or_the_point_hides_nothing"
+WHOLE_PATHS = "tests/test_gather.py::test_one_ray_that_knows_the_light_it_meets_says_what_whole_paths_say"
+MORE_RAYS = "tests/test_gather.py::test_more_rays_give_the_same_light"
+SWINGS = "tests/test_gather.py::test_a_polynomial_comes_back_as_it_is_and_does_not_swing_beyond_the_last_point"
+RENDERING = [
+    Defect(
+        "pixels beside an outline's points are smooth",
+        "edge_pixels",
+        "cv2.dilate(crossed, np.ones((3, 3), np.uint8))",
+        "crossed",
+        SMOOTH,
+    ),
+    Defect(
+        "outlines are followed at one shot only",
+        "_eye",
+        "pupil + (camera_mm - pupil) * (optics.focus_mm / camera_mm[:, 2:])",
+        "camera_mm",
+        SHAKEN,
+    ),
+    Defect("a sharp shadow is smooth", "_kinked", "kink > 2 * steps", "kink > 200 * steps", SHARP),
+    Defect(
+        "what an edge's pixel sends aside is left out",
+        "PointSpread.blurred",
+        "flat[at - d] += share",
+        "flat[at - d] += 0 * share",
+        SMOOTH,
+    ),
+    Defect("gaps run on to whichever panel comes last", "ask", "dr.minimum(ahead, a)", "a", ONCE),
+    Defect(
+        "shadows are seen by lines along the lamp",
+        "_Shades.part",
+        "self._way(position, first, last)",
+        "(1.0, 0.0)",
+        WINDOW,
+    ),
+    Defect(
+        "what lies behind the lamp hides it",
+        "_Shades._hidden",
+        "_clipped(-beyond, -beyond_by, low, high)",
+        "(low, high)",
+        BEHIND,
+    ),
+    Defect(
+        "the last bounce is forgotten",
+        "along",
+        "albedo * dr.select(seen, lookup.at(panel, hit.uv), 0) / dr.pi",
+        "0.9 * albedo * dr.select(seen, lookup.at(panel, hit.uv), 0) / dr.pi",
+        WHOLE_PATHS,
+    ),
+    Defect(
+        "directions of many rays lose their digits",
+        "gather",
+        "mi.Float(path * GOLDEN) * 2**-32",
+        "mi.Float(path) * 0.6180339887498949",
+        MORE_RAYS,
+    ),
+    Defect(
+        "light swings beyond the last points",
+        "_polynomials",
+        "min(MOST_DEGREE, __x__)",
+        "min(MOST_DEGREE, count - 1)",
+        SWINGS,
+    ),
+]
+DEFECTS = [
+    *RENDERING,
+    *STUDIES,
+    *CERTIFICATES,
+    *SCORE,
+    *EDGES,
+    *REPORT,
+    *ACCEPTANCE,
+    *CHAIN,
+    *SEEDS,
+    *STATISTICS,
+    *BENCH,
+    *PHYSICS,
+]

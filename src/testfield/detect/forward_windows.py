@@ -9,7 +9,7 @@ CX, CY, AXX, AXY, AYY, BLUR, CONTRAST, BACKGROUND, CONTRAST_X, CONTRAST_Y, BACKG
 GRADIENTS = slice(CONTRAST_X, BACKGROUND_Y + 1)
 CLEAR_OF_BLUR = 4.0
 """An edge is felt up to this many standard deviations of pixel and blur beyond it."""
-BATCH, MOST_PIXELS = 16, 120_000
+BATCH, MOST_PIXELS = 32, 240_000
 """Dots that are fitted together, and the most pixels of all their windows: each has tens of derivatives."""
 
 
