@@ -48,8 +48,9 @@ def test_what_two_rectangles_hide_counts_once() -> None:
     assert below((-150, 300, 0, 400), (-150, 300, 0, 400)) == one
     assert below((-150, 300, 0, 400), (-120, 300, 0, 400)) == pytest.approx(below((-120, 300, 0, 400)), abs=1e-6)
     assert below((-150, 300, 0, 400), (150, 300, 0, 400)) < 1e-6
-    apart = below((-60, 20, 0, 400)) + below((60, 20, 0, 400)) - 1
-    assert below((-60, 20, 0, 400), (60, 20, 0, 400)) == pytest.approx(apart, abs=5e-4)
+    apart = below((-20, 8, 0, 400)) + below((20, 8, 0, 400)) - 1
+    for pair in ((-20, 20), (20, -20)):
+        assert below(*((x, 8, 0, 400) for x in pair)) == pytest.approx(apart, abs=5e-4)
 
 
 def test_what_lies_behind_the_lamp_or_the_point_hides_nothing() -> None:

@@ -119,7 +119,7 @@ WORLDS: dict[str, Callable[[], World]] = {
     "a lamp in view": lambda: with_lamp_in_view(scene("quick")),
     "meshes": lambda: with_meshes(scene("quick")),
     "a fisheye": lambda: small(fisheye()),
-    "defocus": lambda: replace(scene("quick"), optics=Optics(aperture_mm=6.0, focus_mm=1800.0)),
+    "defocus": lambda: replace(scene("quick"), optics=Optics(aperture_mm=30.0, focus_mm=1000.0)),
     "a camera in the hand, rows one after the other": lambda: scene("hand_held"),
     "a target that moves before a room at rest": lambda: replace(
         scene("quick"), motion=Motion(target=Twist(velocity_mm_s=(300.0, 0.0, 120.0)), exposure_s=0.02)

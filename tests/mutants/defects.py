@@ -927,7 +927,7 @@ RENDERING = [
         "camera_mm",
         SHAKEN,
     ),
-    Defect("a sharp shadow is smooth", "_kinked", "kink > 2 * steps", "kink > 200 * steps", SHARP),
+    Defect("a sharp shadow is smooth", "_kinked", "kink > 2 * steps", "kink < 0 * steps", SHARP),
     Defect(
         "what an edge's pixel sends aside is left out",
         "PointSpread.blurred",
