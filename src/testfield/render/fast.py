@@ -1,9 +1,9 @@
 """The fast renderer: exact edges under known light.
 
-Each pixel is divided into n x n cells. One ray a cell finds the panel it falls on; the marks' coverage of the cell's
-footprint is integrated in closed form, and the panel's irradiance, computed once a world, shades it. The optics'
-blur and the pixel's area are one weighting of the cells (`psf.py`); defocus and motion are means over a few sharp
-pictures (`shots.py`). There is no Monte Carlo noise.
+A pixel that an edge may cross (`edges.py`) is divided into n x n cells, another sees one ray. A ray finds the panel it
+falls on; the marks' coverage of a cell's footprint is integrated in closed form, and the panel's irradiance, computed
+once a world, shades it. The optics' blur and the pixel's area are one weighting of the cells (`psf.py`); defocus and
+motion are means over a few sharp pictures (`shots.py`). There is no Monte Carlo noise.
 """
 
 from collections.abc import Callable
