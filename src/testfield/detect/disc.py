@@ -11,7 +11,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
+
+from testfield.store.compiled import compiled
 
 SPACING = 1.3
 """Distance of the outline's points in units of the blur. The rule is exact but for exp(-2 pi^2 / SPACING^2)."""
@@ -66,7 +67,7 @@ def disc_in_pixels(
     return DiscPixels(value, by_blur, by_shape)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@compiled
 def _integrals(
     outline: np.ndarray,
     tangent: np.ndarray,
@@ -115,7 +116,7 @@ def _integrals(
     return value, bent, moved
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")  # type: ignore[untyped-decorator]
+@compiled
 def _weights(
     at: float, blur: float, count: int, across: np.ndarray, filled: np.ndarray, slope: np.ndarray
 ) -> tuple[int, int]:

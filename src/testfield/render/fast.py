@@ -26,7 +26,7 @@ from testfield.render.stage import Stage
 from testfield.render.variant import mitsuba
 from testfield.render.vignetting import Vignetting, vignettes
 
-PIXELS_A_PASS = 2_000_000
+CELLS_A_PASS = 18_000_000
 PARTS = 2
 """A cell's footprint is divided into this many parts each way where it meets a mark."""
 
@@ -55,13 +55,13 @@ def render_fast(
     view = _View(stage, light, station, bounce)
     edges = edge_pixels(world, light.direct, station, exposure, margin)
     # A wide point spread needs a margin above and below each strip: no strip is so low that margins are most of it.
-    strip = max(PIXELS_A_PASS // (width + 2 * margin) - 2 * margin, 2 * margin, 1)
+    strip = max(CELLS_A_PASS // (cells**2 * (width + 2 * margin)) - 2 * margin, 2 * margin, 1)
     strips = -(-height // strip)
     strip = -(-height // strips)
     values = np.empty((height, width), np.float32)
     for top in range(0, height, strip):
         part = edges[top : top + strip + 2 * margin]
-        smooth = view.smooth(part.shape, top - margin, -margin)
+        smooth = np.zeros(part.shape, np.float32) if part.all() else view.smooth(part.shape, top - margin, -margin)
         row, column = np.nonzero(part)
         fine = view.cells(exposure, row + (top - margin), column - margin, cells)
         values[top : top + strip] = spread.blurred(smooth, row, column, fine)
