@@ -905,6 +905,7 @@ STUDIES = [
 ]
 SMOOTH = "tests/test_smooth_pixels.py::test_one_ray_where_no_edge_is_loses_nothing[dots and rings]"
 SHAKEN = "tests/test_smooth_pixels.py::test_one_ray_where_no_edge_is_loses_nothing[defocus]"
+BORDERS = "tests/test_smooth_pixels.py::test_a_panels_border_is_nearly_as_true_as_a_mark"
 SHARP = "tests/test_smooth_pixels.py::test_a_sharp_shadow_is_seen_cell_by_cell_and_a_soft_one_is_not"
 ONCE = "tests/test_shadows.py::test_what_two_rectangles_hide_counts_once"
 WINDOW = "tests/test_shadows.py::test_a_window_in_the_middle_hides_its_own_part"
@@ -916,9 +917,16 @@ RENDERING = [
     Defect(
         "pixels beside an outline's points are smooth",
         "edge_pixels",
-        "cv2.dilate(crossed, np.ones((3, 3), np.uint8))",
-        "crossed",
+        "cv2.dilate(crossed, around) > 0",
+        "crossed > 0",
         SMOOTH,
+    ),
+    Defect(
+        "borders have no finer cells than prints",
+        "render_fast",
+        "((EDGE, 1), (BORDER, max(1, round(__x__))))",
+        "((EDGE, 1), (BORDER, 1))",
+        BORDERS,
     ),
     Defect(
         "outlines are followed at one shot only",

@@ -14,9 +14,10 @@ import numpy as np
 from testfield.camera.motion import Motion, Twist
 from testfield.camera.project import project_camera
 from testfield.render.direct import TOLERANCE, TOLERANCE_PLAIN, DirectLight
-from testfield.render.outlines import Curves, Lines, curves_on_panels, cut_panels, lines_in_space
+from testfield.render.outlines import Curves, Lines, borders, cut_panels, lines_in_space, prints
 from testfield.scene.world import RETRO, World
 
+SMOOTH, EDGE, BORDER = np.arange(3, dtype=np.uint8)
 GAP_PX = 0.7
 """Points of an outline are no farther apart in the image."""
 TURN = 0.02
@@ -37,28 +38,35 @@ Seen = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
 def edge_pixels(world: World, light: DirectLight, station: int, exposure: np.ndarray, margin: int) -> np.ndarray:
-    """(h + 2 margin, w + 2 margin) bool: pixels of the image, and around it, that an edge may cross at any of the
-    `exposure`'s shots (k, 3) (`shots.py`)."""
+    """(h + 2 margin, w + 2 margin) of SMOOTH, EDGE, BORDER: pixels of the image, and around it, that an edge may cross
+    at any of the `exposure`'s shots (k, 3) (`shots.py`); at a border one thing stands before another."""
     size = world.interior.height_px + 2 * margin, world.interior.width_px + 2 * margin
     if world.point_lights or world.flash is not None:
-        return np.ones(size, bool)
-    crossed = np.zeros(size, np.uint8)
+        return np.full(size, EDGE)
+    crossed, bordered = np.zeros((2, *size), np.uint8)
     eye = world.camera_from_world.origin_mm[station]
-    curves, lines = curves_on_panels(world, _faced(world, eye)), lines_in_space(world, eye)
+    outlines: tuple[tuple[np.ndarray, Curves | Lines, int], ...] = (
+        (crossed, prints(world, _faced(world, eye)), CIRCLE_PIECES),
+        (bordered, borders(world), 1),
+        (bordered, lines_in_space(world, eye), 1),
+    )
     shadows = _kinked(world, light, _eye(world, world.motion, station, np.zeros(3)))
     if shadows is None:
-        return np.ones(size, bool)
+        return np.full(size, EDGE)
     areas = [*_returning(world), *_touching(world), *shadows]
     # Where the target moves, the room and its lamps do not: every outline is followed both ways.
     motions: list[Motion] = [world.motion]
     if world.motion.target.moves:
         motions.append(replace(world.motion, target=Twist()))
     for see in (_eye(world, motion, station, shot) for shot in exposure for motion in motions):
-        for outlines, pieces in ((curves, CIRCLE_PIECES), (lines, 1)):
-            _follow(crossed, outlines, pieces, see, world, margin)
+        for mask, curves, pieces in outlines:
+            _follow(mask, curves, pieces, see, world, margin)
         if not _fill(crossed, areas, see, margin):
-            return np.ones(size, bool)
-    return cv2.dilate(crossed, np.ones((3, 3), np.uint8)).astype(bool)
+            return np.full(size, EDGE)
+    around = np.ones((3, 3), np.uint8)
+    found = np.where(cv2.dilate(crossed, around) > 0, EDGE, SMOOTH)
+    found[cv2.dilate(bordered, around) > 0] = BORDER
+    return found
 
 
 def _faced(world: World, eye_mm: np.ndarray) -> np.ndarray:

@@ -14,7 +14,7 @@ import numpy as np
 from testfield.camera.images import Radiance
 from testfield.render.camera_plugin import CameraRays
 from testfield.render.device_maths import DeviceTwist, Rays, opaque, opaque_float
-from testfield.render.edges import edge_pixels
+from testfield.render.edges import BORDER, EDGE, edge_pixels
 from testfield.render.fetch import fetch
 from testfield.render.irradiance import Irradiance, IrradianceSum
 from testfield.render.mesh_light import MeshLookup
@@ -27,6 +27,8 @@ from testfield.render.variant import mitsuba
 from testfield.render.vignetting import Vignetting, vignettes
 
 CELLS_A_PASS = 18_000_000
+FINER = 2
+"""Cells at a border are divided into this many parts each way, with a ray each: what a ray meets has no coverage."""
 PARTS = 2
 """A cell's footprint is divided into this many parts each way where it meets a mark."""
 
@@ -63,7 +65,11 @@ def render_fast(
         part = edges[top : top + strip + 2 * margin]
         smooth = np.zeros(part.shape, np.float32) if part.all() else view.smooth(part.shape, top - margin, -margin)
         row, column = np.nonzero(part)
-        fine = view.cells(exposure, row + (top - margin), column - margin, cells)
+        fine = np.empty((len(row), cells**2), np.float32)
+        for kind, finer in ((EDGE, 1), (BORDER, max(1, round(FINER / np.sqrt(len(exposure)))))):
+            own = part[row, column] == kind
+            found = view.cells(exposure, row[own] + (top - margin), column[own] - margin, cells * finer)
+            fine[own] = found.reshape(-1, cells, finer, cells, finer).mean(axis=(2, 4)).reshape(-1, cells**2)
         values[top : top + strip] = spread.blurred(smooth, row, column, fine)
         progress(1 / strips)
     return Radiance(world.station_name[station], values)

@@ -58,11 +58,15 @@ class Lines:
         return self.start[index] + t[:, None] * self.step[index]
 
 
-def curves_on_panels(world: World, seen: np.ndarray) -> Curves:
-    """Borders of all panels, and what is printed on those that may be `seen` (panels,) from their front."""
+def borders(world: World) -> Curves:
+    """The borders of all panels."""
     every = np.arange(len(world.panels))
-    parts = [_rectangles(every, np.zeros((len(every), 2)), world.panels.size_mm)]
-    marks = world.marks
+    return Curves(world.panels, *_rectangles(every, np.zeros((len(every), 2)), world.panels.size_mm))
+
+
+def prints(world: World, seen: np.ndarray) -> Curves:
+    """What is printed on the panels that may be `seen` (panels,) from their front, and their dirt."""
+    parts, marks = [], world.marks
     shown = np.flatnonzero(seen[marks.panel] & ~marks.corner)
     ringed = shown[marks.code[shown] > 0]
     radius = marks.diameter_mm / 2
