@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from testfield.render.device_maths import columns, vector_of
 from testfield.render.variant import mitsuba
 from testfield.scene.bend import extent_mm
 from testfield.scene.world import Panels
@@ -83,10 +84,10 @@ class BentPanels:
             -np.sin(axis)[:, None] * R[:, :, 0] + np.cos(axis)[:, None] * R[:, :, 1],
             R[:, :, 2],
         )
-        self.directions = [_columns(d) for d in directions]
-        self.middle = _columns(panels.world_from_panel.t_mm)
-        self.turn = _columns(np.column_stack([np.cos(axis), np.sin(axis)]))
-        self.size = _columns(panels.size_mm)
+        self.directions = [columns(d) for d in directions]
+        self.middle = columns(panels.world_from_panel.t_mm)
+        self.turn = columns(np.column_stack([np.cos(axis), np.sin(axis)]))
+        self.size = columns(panels.size_mm)
 
     def refine(self, hit: Any, ray: Any, panel: Any, active: Any) -> Any:
         """The hit with t, uv, n, dp_du and dp_dv of the cylinder where `active` and its panel is bent."""
@@ -97,12 +98,9 @@ class BentPanels:
         active = active & (curvature != 0)
         k = dr.select(active, curvature, 1)
 
-        def vector(table: list) -> Any:
-            return mi.Vector3f(*[dr.gather(mi.Float, column, panel, active) for column in table])
-
-        along, across, out = (vector(table) for table in self.directions)
+        along, across, out = (vector_of(table, panel, active) for table in self.directions)
         # From the hit on the mesh, near the middle of the panel, so that few digits are lost.
-        start = (ray.o - vector(self.middle)) + hit.t * ray.d
+        start = (ray.o - vector_of(self.middle, panel, active)) + hit.t * ray.d
         q, z, dq, dz = dr.dot(start, across), dr.dot(start, out), dr.dot(ray.d, across), dr.dot(ray.d, out)
         step = mi.Float(0)
         for _ in range(NEWTON_STEPS):
@@ -125,8 +123,3 @@ class BentPanels:
         hit.dp_du = dr.select(active, width * (cos_axis * along - sin_axis * on_arc), hit.dp_du)
         hit.dp_dv = dr.select(active, height * (sin_axis * along + cos_axis * on_arc), hit.dp_dv)
         return hit
-
-
-def _columns(values: np.ndarray) -> list[Any]:
-    mi = mitsuba()
-    return [mi.Float(np.ascontiguousarray(column, np.float32)) for column in values.T]

@@ -81,6 +81,18 @@ class DeviceTwist:
         return self.turn_back(point - self.about - self.velocity * time, time) + self.about
 
 
+def columns(values: np.ndarray) -> list[Any]:
+    """The columns of a table (n, k) on the device, to be gathered from."""
+    return [mitsuba().Float(np.ascontiguousarray(column, np.float32)) for column in values.T]
+
+
+def vector_of(table: list[Any], index: Any, active: Any = True) -> Any:
+    """A row of a table of three columns, as a vector."""
+    import drjit as dr
+
+    return mitsuba().Vector3f(*[dr.gather(mitsuba().Float, column, index, active) for column in table])
+
+
 def opaque_float(value: float) -> Any:
     """A number that does not become part of the kernel's code."""
     import drjit as dr

@@ -14,7 +14,7 @@ import numpy as np
 from testfield.camera.motion import Motion, Twist
 from testfield.camera.project import project_camera
 from testfield.render.direct import TOLERANCE, TOLERANCE_PLAIN, DirectLight
-from testfield.render.outlines import Curves, Lines, borders, cut_panels, lines_in_space, prints
+from testfield.render.outlines import Curves, Lines, borders, cut_panels, lattice_mm, lines_in_space, prints
 from testfield.scene.world import RETRO, World
 
 SMOOTH, EDGE, BORDER = np.arange(3, dtype=np.uint8)
@@ -24,7 +24,6 @@ TURN = 0.02
 """Nor farther apart in direction, in radians: between them the lens' distortion cannot hide a bulge."""
 ROUNDS = 40
 CIRCLE_PIECES, POLYGON_SIDES = 8, 32
-LATTICE = 17
 RIM = np.array([[0, 0], [0.5, 0], [1, 0], [1, 0.5], [1, 1], [0.5, 1], [0, 1], [0, 0.5]])
 """Around a tile: its corners and the middles of its sides."""
 MOST_PX = 1 << 20
@@ -177,9 +176,7 @@ def _returning(world: World) -> list[np.ndarray]:
 def _touching(world: World) -> list[np.ndarray]:
     """Bent panels and meshes that may cut what is not flat."""
     panels, spheres = world.panels, [mesh.sphere for mesh in world.meshes]
-    at = np.linspace(-0.5, 0.5, LATTICE)
-    lattice = np.stack(np.meshgrid(at, at), axis=-1).reshape(-1, 2)
-    areas = [panels.place(np.full(len(lattice), k), lattice * panels.size_mm[k])[0] for k in cut_panels(world).tolist()]
+    areas = [lattice_mm(panels, k) for k in cut_panels(world).tolist()]
     bent = [(panels.world_from_panel.t_mm[k], np.hypot(*panels.size_mm[k]) / 2) for k in np.flatnonzero(panels.bent)]
     for k, (mesh, (middle, reach)) in enumerate(zip(world.meshes, spheres, strict=True)):
         others = [*bent, *spheres[:k], *spheres[k + 1 :]]

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from testfield.render.device_maths import opaque, opaque_float
+from testfield.render.device_maths import columns, opaque, opaque_float, vector_of
 from testfield.render.fetch import fetch
 from testfield.render.mesh_light import MeshLookup
 from testfield.render.points import Sources, light_from
@@ -60,11 +60,9 @@ def gather(
         ray = dr.arange(mi.UInt32, batch * rays)
         point, path = ray // opaque(rays), ray % opaque(rays)
 
-        def at(values: np.ndarray, index: np.ndarray = index, point: Any = point) -> Any:
-            columns = (mi.Float(np.ascontiguousarray(values[index, k], np.float32)) for k in range(3))
-            return mi.Vector3f(*[dr.gather(mi.Float, column, point) for column in columns])
-
-        position, normal, tangent = at(places.points), at(places.normals), at(places.tangents)
+        position, normal, tangent = (
+            vector_of(columns(values[index]), point) for values in (places.points, places.normals, places.tangents)
+        )
         even = (mi.Float(path) + 0.5) / opaque_float(rays)
         square = mi.Point2f(even + shift[0], mi.Float(path * GOLDEN) * 2**-32 + shift[1])
         local = mi.warp.square_to_cosine_hemisphere(square - dr.floor(square))

@@ -211,15 +211,20 @@ def _turning(panels: Panels, k: int, eye_mm: np.ndarray) -> np.ndarray:
     return panels.world_from_panel[np.full(4, k)].apply(xyz).reshape(2, 2, 3)
 
 
+def lattice_mm(panels: Panels, k: int) -> np.ndarray:
+    """(LATTICE^2, 3) points all over panel k, edges included, row by row."""
+    at = np.linspace(-0.5, 0.5, LATTICE)
+    lattice = np.stack(np.meshgrid(at, at), axis=-1).reshape(-1, 2)
+    return panels.place(np.full(len(lattice), k), lattice * panels.size_mm[k])[0]
+
+
 def cut_panels(world: World) -> np.ndarray:
     """(n,) indices of bent panels that may cut another surface: what they show of their crossing is not outlined."""
     panels = world.panels
-    at = (np.arange(LATTICE) / (LATTICE - 1) - 0.5) if len(panels) else np.zeros(0)
-    lattice = np.stack(np.meshgrid(at, at), axis=-1).reshape(-1, 2)
     reach = np.hypot(*panels.size_mm.T) / 2
     cut = []
-    for k in np.flatnonzero(panels.bent):
-        points = panels.place(np.full(len(lattice), k), lattice * panels.size_mm[k])[0]
+    for k in np.flatnonzero(panels.bent).tolist():
+        points = lattice_mm(panels, k)
         pitch = panels.size_mm[k].max() / (LATTICE - 1)
         near = np.linalg.norm(panels.world_from_panel.t_mm - panels.world_from_panel.t_mm[k], axis=1) < reach + reach[k]
         for other in np.flatnonzero(near & (np.arange(len(panels)) != k)):

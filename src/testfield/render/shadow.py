@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 
 from testfield.camera.pose import Poses
+from testfield.render.device_maths import columns, vector_of
 from testfield.render.fetch import fetch
+from testfield.render.outlines import CORNERS
 from testfield.render.variant import mitsuba
 from testfield.scene.world import AreaLight
 
@@ -38,7 +40,7 @@ class Rectangles:
         """(n,) whether rectangle k hides some of a lamp from points (n, 3): False only where one of the conditions
         fails all over the lamp."""
         R, middle = self.pose.R[k], self.pose.t_mm[k]
-        corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) / 2 * light.size_mm
+        corners = CORNERS * light.size_mm
         lamp = (light.world_from_light.t_mm[0] + corners @ light.world_from_light.R[0][:, :2].T - middle) @ R
         own = (points_mm - middle) @ R
         side, far = np.sign(own[:, 2:]), np.abs(own[:, 2:])
@@ -83,8 +85,8 @@ class _Shades:
         )
         self.half_u, self.half_v = (mi.Float(float(size) / 2) for size in light.size_mm)
         self.asked = mi.UInt32(asked.astype(np.uint32))
-        self.axes = [_columns(rest.R[:, :, axis]) for axis in range(3)]
-        self.middles, self.halves = _columns(rest.t_mm), _columns(rectangles.size_mm / 2)
+        self.axes = [columns(rest.R[:, :, axis]) for axis in range(3)]
+        self.middles, self.halves = columns(rest.t_mm), columns(rectangles.size_mm / 2)
         dr.make_opaque(self.along, self.up, self.facing, self.middle, self.half_u, self.half_v)
 
     def part(self, points_mm: np.ndarray, normals: np.ndarray, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
@@ -94,10 +96,7 @@ class _Shades:
 
         thread = dr.arange(mi.UInt32, len(points_mm) * LINES)
         point, line = thread // LINES, thread % LINES
-        position, normal = (
-            mi.Vector3f(*[dr.gather(mi.Float, column, point) for column in _columns(values)])
-            for values in (points_mm, normals)
-        )
+        position, normal = (vector_of(columns(values), point) for values in (points_mm, normals))
         first, last = (dr.gather(mi.UInt32, mi.UInt32(v.astype(np.uint32)), point) for v in (begin, end))
         cosine, sine = self._way(position, first, last)
         reach = self.half_u * dr.abs(sine) + self.half_v * dr.abs(cosine)
@@ -119,8 +118,8 @@ class _Shades:
 
         def ask(k: Any, *least: Any) -> tuple[Any, ...]:
             rectangle = dr.gather(mi.UInt32, self.asked, k)
-            middle = self._vector(self.middles, rectangle) - position
-            axes = [self._vector(columns, rectangle) for columns in self.axes[:2]]
+            middle = vector_of(self.middles, rectangle) - position
+            axes = [vector_of(axis, rectangle) for axis in self.axes[:2]]
             halves = [dr.gather(mi.Float, half, rectangle) for half in self.halves]
             for own, other, half in ((axes[0], axes[1], halves[1]), (axes[1], axes[0], halves[0])):
                 for side in (-half, half):
@@ -142,12 +141,6 @@ class _Shades:
             best = dr.select(better, angle, best)
             cosine, sine = dr.select(better, way[0], cosine), dr.select(better, way[1], sine)
         return cosine, sine
-
-    def _vector(self, columns: list[Any], k: Any) -> Any:
-        mi = mitsuba()
-        import drjit as dr
-
-        return mi.Vector3f(*[dr.gather(mi.Float, column, k) for column in columns])
 
     def _along_line(
         self, position: Any, normal: Any, on_line: Any, along: Any, low: Any, high: Any, first: Any, last: Any
@@ -193,14 +186,14 @@ class _Shades:
         mi = mitsuba()
         import drjit as dr
 
-        middle, normal = self._vector(self.middles, k), self._vector(self.axes[2], k)
+        middle, normal = vector_of(self.middles, k), vector_of(self.axes[2], k)
         own, there = position - middle, on_line - middle
         far = dr.dot(own, normal)
         side, far = dr.sign(far), dr.abs(far)
         beyond, beyond_by = side * dr.dot(there, normal), side * dr.dot(along, normal)
         low, high = _clipped(-beyond, -beyond_by, low, high)
-        for axis, half in zip(self.axes, self.halves, strict=False):
-            axis, half = self._vector(axis, k), dr.gather(mi.Float, half, k)
+        for axis, half in zip(self.axes[:2], self.halves, strict=True):
+            axis, half = vector_of(axis, k), dr.gather(mi.Float, half, k)
             p = dr.dot(own, axis)
             room, room_by = half * (far - beyond), -half * beyond_by
             aside, aside_by = far * dr.dot(there, axis) - p * beyond, far * dr.dot(along, axis) - p * beyond_by
@@ -218,7 +211,3 @@ def _clipped(value: Any, slope: Any, low: Any, high: Any) -> tuple[Any, Any]:
     low = dr.select(~level & (slope > 0), dr.maximum(low, root), low)
     high = dr.select(~level & (slope < 0), dr.minimum(high, root), high)
     return low, dr.select(level & (value <= 0), low - 1, high)
-
-
-def _columns(values: np.ndarray) -> list[Any]:
-    return [mitsuba().Float(np.ascontiguousarray(column, np.float32)) for column in values.T]
