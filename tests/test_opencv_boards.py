@@ -222,6 +222,16 @@ def test_every_point_of_every_board_is_named_and_known_as_well_as_claimed(patter
     assert abs(score.nees.mean() / 2 - 1) < 3 * np.sqrt(2 / freedom)
 
 
+@pytest.mark.parametrize("seed", range(1, 13))
+def test_a_checkerboard_seen_at_a_slant_is_read_by_sheet_and_without_whatever_the_noise(seed: int) -> None:
+    """OpenCV's finder gives wrong points for a quarter of its seeds here: no one draw decides."""
+    world, frame = built(CHECKERBOARD), shots(CHECKERBOARD, seed)[1]
+    assert (detect(frame, world.field, "forward_model", 5.0).status == MEASURED).sum() == 28
+    at = see(world).disc_px[1]
+    seen = detect_board(np.asarray(frame.pixels_dn, np.float32), parse_target("checkerboard:7x4")).xy_px
+    assert np.linalg.norm(seen[:, None] - at[None], axis=-1).min(axis=1).max() < 0.5
+
+
 @pytest.mark.parametrize(("pattern", "seeds"), [(CHARUCO, 6), (APRILTAG, 3)])
 def test_corners_are_better_than_cornersubpix_and_their_claims_are_true(pattern: str, seeds: int) -> None:
     world = built(pattern)

@@ -4,6 +4,7 @@ They state no covariance (`photo_corners.py` adds one). All coordinates have the
 """
 
 import atexit
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
@@ -11,10 +12,16 @@ from typing import Any
 import cv2
 import numpy as np
 
+from testfield.camera.plane_image import fit_plane, rough_lens
 from testfield.detect.eight_bits import pictures
 from testfield.detect.target_spec import TargetSpec
 from testfield.errors import TestfieldError
 
+CHECKERBOARD_TRIALS = 4
+"""OpenCV's checkerboard finder draws at random, and now and then it returns points that are no grid."""
+OLDER_WITHIN_PX = 4
+"""Half-width of the window in which the older finder's corners are refined: it leaves them 3 px off."""
+UNTIL = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 40, 1e-3)
 CORNERS_A_TAG = 4
 REFINED_WITHIN_PX = 2
 """Half-width of the window in which OpenCV refines a tag's corner: a wider one sees the neighbour's corner where tags
@@ -166,9 +173,36 @@ def _pupil(family: str) -> Any | None:
     return detector
 
 
+def checkerboards(image: np.ndarray, columns: int, rows: int) -> Iterator[np.ndarray]:
+    """What OpenCV takes for `columns` x `rows` inner corners in an image (h, w) uint8, (n, 2) px row by row, until one
+    suits the caller: it may be no grid.
+
+    The finder by sectors draws at random: from a numbered seed, so that the same image gives the same points. Where it
+    finds only what does not suit, OpenCV's older finder is asked, which goes another way; where it finds nothing
+    neither is asked again, as they may search for minutes.
+    """
+    for seed in range(CHECKERBOARD_TRIALS):
+        cv2.setRNGSeed(1 + seed)
+        found, corners = cv2.findChessboardCornersSB(image, (columns, rows), flags=cv2.CALIB_CB_ACCURACY)
+        if not found:
+            return
+        yield _points(corners)
+    found, corners = cv2.findChessboardCorners(image, (columns, rows))
+    if found:
+        yield _points(cv2.cornerSubPix(image, corners, (OLDER_WITHIN_PX, OLDER_WITHIN_PX), (-1, -1), UNTIL))
+
+
 def _checkerboard(image: np.ndarray, spec: TargetSpec) -> Corners:
-    found, corners = cv2.findChessboardCornersSB(image, (spec.columns, spec.rows), flags=cv2.CALIB_CB_ACCURACY)
-    return _grid(corners, spec) if found else _empty()
+    """The first grid whose points all lie where a plane and a lens have them; where none does (a board may be bent, a
+    lens extreme), the first found."""
+    middle = np.array(image.shape[::-1], float) / 2 - 0.5
+    found = []
+    for corners in checkerboards(image, spec.columns, spec.rows):
+        view = _places(spec).astype(float), corners
+        if fit_plane(view, rough_lens([view], middle))[1].all():
+            return _grid(corners, spec)
+        found.append(corners)
+    return _grid(found[0], spec) if found else _empty()
 
 
 def _asymmetric_circles(image: np.ndarray, spec: TargetSpec) -> Corners:
@@ -184,9 +218,14 @@ def _asymmetric_circles(image: np.ndarray, spec: TargetSpec) -> Corners:
 
 
 def _grid(corners: np.ndarray, spec: TargetSpec) -> Corners:
+    place = _places(spec)
+    return Corners(_points(corners), np.full(len(place), -1), np.arange(len(place)), place)
+
+
+def _places(spec: TargetSpec) -> np.ndarray:
+    """(n, 2) column and row of every point of a grid, row by row."""
     point = np.arange(spec.columns * spec.rows)
-    place = np.column_stack([point % spec.columns, point // spec.columns])
-    return Corners(_points(corners), np.full(len(point), -1), point, place)
+    return np.column_stack([point % spec.columns, point // spec.columns])
 
 
 def _tags(corners: np.ndarray, numbers: np.ndarray, notes: tuple[str, ...] = ()) -> Corners:

@@ -5,7 +5,6 @@ What OpenCV reads says where every corner is to a pixel or so, from the corners 
 """
 
 from dataclasses import dataclass, field
-from itertools import product
 
 import cv2
 import numpy as np
@@ -17,15 +16,13 @@ from testfield.detect.clear_pixels import CLEAR_OF_BLUR, CLEAR_PX, NEAREST, clea
 from testfield.detect.corner_model import FittedCorners, fit_corners
 from testfield.detect.eight_bits import pictures
 from testfield.detect.observations import MEASURED, Observations
-from testfield.detect.opencv_boards import tag_detector
+from testfield.detect.opencv_boards import checkerboards, tag_detector
 from testfield.registry import known_of
 from testfield.targets.board_pattern import CORNERS_A_TAG, SIDES, BoardPattern, dictionary
 from testfield.targets.field import Field, NominalBoard
 
 READ_WITHIN_PX = 0.8
 """How well it is known where neighbouring tags are, which are only read."""
-CHECKERBOARD_TRIALS = 4
-"""OpenCV's checkerboard finder draws at random, and now and then it returns points that are no grid."""
 WORST_MISFIT = 0.05
 DISTURBED, DISTURBED_CHI2, UNUSUAL = 0.006, 2.0, 3.0
 """A corner is partly hidden or touched by something where its residual beyond noise exceeds the first, as a fraction of
@@ -107,13 +104,11 @@ class _Reader:
         return fit_plane(view, rough_lens([view], np.array([width - 1, height - 1]) / 2))[1]
 
     def _checkerboard(self, pattern: BoardPattern) -> Seen | None:
-        size = (pattern.columns - 1, pattern.rows - 1)
-        for picture, seed in product(self.pictures, range(CHECKERBOARD_TRIALS)):
-            cv2.setRNGSeed(1 + seed)
-            found, corners = cv2.findChessboardCornersSB(picture, size, flags=cv2.CALIB_CB_ACCURACY)
-            seen = self._turned(pattern, np.asarray(corners, float).reshape(-1, 2)) if found else None
-            if seen is not None:
-                return seen
+        for picture in self.pictures:
+            for corners in checkerboards(picture, pattern.columns - 1, pattern.rows - 1):
+                seen = self._turned(pattern, corners)
+                if seen is not None:
+                    return seen
         return None
 
     def _turned(self, pattern: BoardPattern, image: np.ndarray) -> Seen | None:
