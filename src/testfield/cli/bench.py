@@ -33,6 +33,11 @@ def add(commands: Any) -> None:
     one = _tool(tools, "adjust", _adjust, "the bundle against Ceres and OpenCV, and how its time grows")
     one.add_argument("--quick", action="store_true", help="a few minutes' worth")
 
+    one = _tool(tools, "chain", _chain, "the whole chain from nothing, by stages, and beside it another checkout's")
+    one.add_argument("--scene", type=Path, metavar="SCENE", help="what is run (default: quick)")
+    one.add_argument("--against", type=Path, metavar="FOLDER", help="a checkout of another version of testfield")
+    one.add_argument("--times", type=int, default=3, metavar="N", help="runs, of each in turns (default: 3)")
+
     one = _tool(
         tools, "claims", _claims, "claimed covariances against errors, over drawn worlds or new exposures of a run"
     )
@@ -219,6 +224,31 @@ def _adjust(args: argparse.Namespace) -> int:
             f"large      {large['images']} images, {large['points']} points, {large['observations']} observations: "
             f"{large['seconds']:.0f} s, {large['peak_memory_gb']:.1f} GB"
         )
+    return 0
+
+
+def _chain(args: argparse.Namespace) -> int:
+    import json
+
+    from testfield.bench.chain import OURS, THEIRS, bench_chain
+    from testfield.errors import TestfieldError
+    from testfield.scene.shipped import find_scene
+
+    if args.times < 1:
+        raise TestfieldError(f"value {args.times} is too few", "--times", "give 1 or more")
+    figures = bench_chain(find_scene(args.scene or "quick"), args.against, args.times, _tell)
+    if args.json:
+        print(json.dumps(figures))
+        return 0
+    here, there = figures[OURS], figures.get(THEIRS)
+    print(f"{figures['scene']}, from nothing{'':<12}{'here':>9}{'' if there is None else f'{'other':>9}{'ratio':>8}'}")
+    whole = (("wall_s", "whole, s"), ("processor_s", "of the processors, s"), ("peak_memory_gb", "peak memory, GB"))
+    rows = [(what, here[key], there and there[key]) for key, what in whole]
+    rows += [(f"  {name}, s", s, there and there["stages_s"].get(name)) for name, s in here["stages_s"].items()]
+    rows.append(("radiance on disk, GB", here["radiance_gb"], there and there["radiance_gb"]))
+    for what, ours, theirs in rows:
+        beside = f"{theirs:>9.2f}{ours / theirs:>8.2f}" if theirs else ""
+        print(f"{what:<30}{ours:>9.2f}{beside}")
     return 0
 
 

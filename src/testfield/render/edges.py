@@ -20,6 +20,9 @@ from testfield.scene.world import RETRO, World
 SMOOTH, EDGE, BORDER = np.arange(3, dtype=np.uint8)
 GAP_PX = 0.7
 """Points of an outline are no farther apart in the image."""
+LONGEST_PX, BOW_PX = 64.0, 0.4
+"""A piece no longer than the first whose middle is no farther from its chord is two straight ones: each half bows by a
+quarter of it, and half a gap beside it is still within the pixels marked around."""
 TURN = 0.02
 """Nor farther apart in direction, in radians: between them the lens' distortion cannot hide a bulge."""
 ROUNDS = 40
@@ -104,7 +107,7 @@ def _eye(world: World, motion: Motion, station: int, shot: np.ndarray) -> Seen:
 
 
 def _follow(crossed: np.ndarray, outlines: Curves | Lines, pieces: int, see: Seen, world: World, margin: int) -> None:
-    """Mark the pixels that outlines pass, halving their pieces until the ends of each are close in the image."""
+    """Mark the pixels that outlines pass, halving their pieces until each is short or straight in the image."""
     n, focal_px = len(outlines), float(min(world.interior.fx, world.interior.fy))
     index = np.repeat(np.arange(n), pieces)
     t = np.tile(np.arange(pieces) / pieces, n)
@@ -112,26 +115,40 @@ def _follow(crossed: np.ndarray, outlines: Curves | Lines, pieces: int, see: See
     px, way = zip(*(see(outlines.at(index, end)) for end in ends), strict=True)
     _mark(crossed, np.concatenate(px), margin)
     size = np.array([world.interior.width_px, world.interior.height_px])
+    straight = np.zeros(len(index), bool)
     for _ in range(ROUNDS):
         gap, turn = np.linalg.norm(px[1] - px[0], axis=1), np.linalg.norm(way[1] - way[0], axis=1)
-        known = np.isfinite(px[0][:, 0]), np.isfinite(px[1][:, 0])
+        known = np.isfinite(gap)
         # As far from the image as the ends from each other, a piece cannot reach it.
-        reach = (np.where(known[0] & known[1], gap, turn * focal_px) + margin + 2)[:, None]
+        reach = (np.where(known, gap, turn * focal_px) + margin + 2)[:, None]
         near = [np.all((p > -reach) & (p < size + reach), axis=1) for p in px]
-        split = (turn > TURN) | (
-            (near[0] | near[1]) & np.where(known[0] & known[1], gap > GAP_PX, turn * focal_px > 0.3)
-        )
+        split = (turn > TURN) | ((near[0] | near[1]) & np.where(known, gap > GAP_PX, turn * focal_px > 0.3))
+        drawn = split & straight
+        _draw(crossed, px[0][drawn], px[1][drawn], margin)
+        split &= ~drawn
         if not split.any():
             return
-        index = index[split]
+        index, known, gap, turn = (v[split] for v in (index, known, gap, turn))
         low, high = (end[split] for end in ends)
+        px, way = tuple(p[split] for p in px), tuple(w[split] for w in way)
         middle = (low + high) / 2
         at_px, at_way = see(outlines.at(index, middle))
         _mark(crossed, at_px, margin)
+        with np.errstate(invalid="ignore"):
+            bow = np.linalg.norm(at_px - (px[0] + px[1]) / 2, axis=1)
+            flat = known & (turn <= TURN) & (gap <= LONGEST_PX) & (bow <= BOW_PX)
         ends = np.concatenate([low, middle]), np.concatenate([middle, high])
-        px = np.concatenate([px[0][split], at_px]), np.concatenate([at_px, px[1][split]])
-        way = np.concatenate([way[0][split], at_way]), np.concatenate([at_way, way[1][split]])
-        index = np.concatenate([index, index])
+        px = np.concatenate([px[0], at_px]), np.concatenate([at_px, px[1]])
+        way = np.concatenate([way[0], at_way]), np.concatenate([at_way, way[1]])
+        index, straight = np.tile(index, 2), np.tile(flat, 2)
+
+
+def _draw(crossed: np.ndarray, start: np.ndarray, end: np.ndarray, margin: int) -> None:
+    """Mark the pixels along straight pieces (n, 2) px, whose ends are marked."""
+    steps = np.ceil(np.linalg.norm(end - start, axis=1) / GAP_PX).astype(int)
+    first = np.cumsum(steps) - steps
+    part = (np.arange(steps.sum()) - np.repeat(first, steps)) / np.repeat(steps, steps)
+    _mark(crossed, np.repeat(start, steps, axis=0) + part[:, None] * np.repeat(end - start, steps, axis=0), margin)
 
 
 def _mark(crossed: np.ndarray, px: np.ndarray, margin: int) -> None:
