@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -246,3 +247,23 @@ def test_a_sharp_shadow_is_seen_cell_by_cell_and_a_soft_one_is_not() -> None:
     plain = edges.edge_pixels(world, even, 0, np.zeros((1, 3)), 0) > 0
     assert (found(slope) == plain).all()
     assert (found(step) & ~plain).sum() > 200
+
+
+@pytest.mark.parametrize("radius_mm", [3.0, 40.0, 400.0])
+def test_an_outline_of_any_size_marks_all_pixels_that_it_passes(radius_mm: float) -> None:
+    world = small(build_world(load_scene(SCENES / "quick.toml")), 2400)
+    size = world.interior.height_px, world.interior.width_px
+    middle = world.marks.xy_mm[::29]
+    panel, still = world.marks.panel[::29], np.zeros_like(middle)
+    circles = outlines.Curves(world.panels, panel, middle, still, np.full(len(panel), radius_mm))
+    see = edges._eye(world, world.motion, 0, np.zeros(3))
+    followed, passed = np.zeros((2, *size), np.uint8)
+    edges._follow(followed, circles, edges.CIRCLE_PIECES, see, world, 0)
+    dense = 40_000
+    t = np.tile((np.arange(dense) + 0.5) / dense, len(panel))
+    edges._mark(passed, see(circles.at(np.repeat(np.arange(len(panel)), dense), t))[0], 0)
+    beside = cv2.dilate(followed, np.ones((3, 3), np.uint8))
+    assert passed.sum() > 100
+    assert not (passed & ~beside & 1).any()
+    # And few that it does not.
+    assert not (followed & ~cv2.dilate(passed, np.ones((3, 3), np.uint8)) & 1).any()

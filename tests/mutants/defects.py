@@ -904,6 +904,7 @@ STUDIES = [
     ),
 ]
 SMOOTH = "tests/test_smooth_pixels.py::test_one_ray_where_no_edge_is_loses_nothing[dots and rings]"
+ANY_SIZE = "tests/test_smooth_pixels.py::test_an_outline_of_any_size_marks_all_pixels_that_it_passes[40.0]"
 SHAKEN = "tests/test_smooth_pixels.py::test_one_ray_where_no_edge_is_loses_nothing[defocus]"
 BORDERS = "tests/test_smooth_pixels.py::test_a_panels_border_is_nearly_as_true_as_a_mark"
 SHARP = "tests/test_smooth_pixels.py::test_a_sharp_shadow_is_seen_cell_by_cell_and_a_soft_one_is_not"
@@ -912,6 +913,8 @@ WINDOW = "tests/test_shadows.py::test_a_window_in_the_middle_hides_its_own_part"
 BEHIND = "tests/test_shadows.py::test_what_lies_behind_the_lamp_or_the_point_hides_nothing"
 WHOLE_PATHS = "tests/test_gather.py::test_one_ray_that_knows_the_light_it_meets_says_what_whole_paths_say"
 MORE_RAYS = "tests/test_gather.py::test_more_rays_give_the_same_light"
+NEAR_EDGE = "tests/test_gather.py::test_light_that_falls_past_something_near_is_followed"
+LEFT_NOISE = "tests/test_gather.py::test_noise_of_estimates_is_left_behind_whatever_the_light"
 SWINGS = "tests/test_gather.py::test_a_polynomial_comes_back_as_it_is_and_does_not_swing_beyond_the_last_point"
 RENDERING = [
     Defect(
@@ -947,8 +950,8 @@ RENDERING = [
     Defect(
         "shadows are seen by lines along the lamp",
         "_Shades.part",
-        "self._way(position, first, last)",
-        "(1.0, 0.0)",
+        "self._way(mi.Vector3f(*places), *asks)",
+        "[0 * places[0] + 1, 0 * places[0]]",
         WINDOW,
     ),
     Defect(
@@ -976,8 +979,29 @@ RENDERING = [
         "light swings beyond the last points",
         "_polynomials",
         "min(MOST_DEGREE, __x__)",
-        "min(MOST_DEGREE, count - 1)",
+        "count - 1",
         SWINGS,
+    ),
+    Defect(
+        "light past the edge of something near is forgotten",
+        "_nodes",
+        "_waves(rest, degree**2)",
+        "0 * _waves(rest, degree**2)",
+        NEAR_EDGE,
+    ),
+    Defect(
+        "noise of the light's estimates is kept",
+        "_waves",
+        "free[tried] ** 2",
+        "1.0",
+        LEFT_NOISE,
+    ),
+    Defect(
+        "what is not straight is drawn straight",
+        "_follow",
+        "bow <= BOW_PX",
+        "bow <= 50 * BOW_PX",
+        ANY_SIZE,
     ),
 ]
 DEFECTS = [

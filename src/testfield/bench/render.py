@@ -17,7 +17,7 @@ from testfield.render.stage import build_stage
 from testfield.scene.world import BOARD, Panels, TrueMarks, World
 
 PATH_SAMPLES, PATH_REPEATS = 16, 3
-CELLS, SPACING_MM, PATHS = 3, 60.0, 4096
+CELLS, SPACING_MM, PATHS = 3, 30.0, 4096
 """What a scene has by default."""
 
 
@@ -31,7 +31,7 @@ def bench_render(world: World, tell: Callable[[str], None]) -> dict[str, Any]:
     """
     stage = build_stage(world)
     tell("converged image")
-    exact = compute_irradiance(stage, 20.0, 16384, 99, lambda _: None)
+    exact = compute_irradiance(stage, SPACING_MM / 3, 8 * PATHS, 99, lambda _: None)
     converged = first_moment_centres(world, render_fast(stage, exact, 0, 8).values.astype(float))
 
     tell("fast renderer")

@@ -241,7 +241,8 @@ def _chain(args: argparse.Namespace) -> int:
         print(json.dumps(figures))
         return 0
     here, there = figures[OURS], figures.get(THEIRS)
-    print(f"{figures['scene']}, from nothing{'':<12}{'here':>9}{'' if there is None else f'{'other':>9}{'ratio':>8}'}")
+    beside = "" if there is None else f"{'other':>9}{'ratio':>8}"
+    print(f"{figures['scene'] + ', from nothing':<30}{'here':>9}{beside}")
     whole = (("wall_s", "whole, s"), ("processor_s", "of the processors, s"), ("peak_memory_gb", "peak memory, GB"))
     rows = [(what, here[key], there and there[key]) for key, what in whole]
     rows += [(f"  {name}, s", s, there and there["stages_s"].get(name)) for name, s in here["stages_s"].items()]

@@ -173,13 +173,18 @@ def _may_hide(
     distance = np.linalg.norm(axis, axis=1)
     axis = axis / distance[:, None]
 
-    def in_the_way(middle: np.ndarray, reach: float) -> np.ndarray:
-        """Where a sphere touches the cone from a point to the lamp's bounding sphere."""
-        to = middle - points_mm
-        along = (to * axis).sum(axis=1)
-        aside = np.linalg.norm(to - along[:, None] * axis, axis=1)
-        within = (along > -reach) & (along < distance + reach)
-        return within & (aside < reach + radius * np.clip((along + reach) / distance, 0, 1))
+    def in_the_way(middle: np.ndarray, reach: np.ndarray) -> np.ndarray:
+        """(n, k) where spheres (k, 3), (k,) touch the cones from points to the lamp's bounding sphere."""
+        found = np.empty((len(points_mm), len(middle)), bool)
+        for start in range(0, len(points_mm), POINTS_A_PASS):
+            part = slice(start, start + POINTS_A_PASS)
+            to = [middle[:, i] - points_mm[part, i, None] for i in range(3)]
+            along = sum(to[i] * axis[part, i, None] for i in range(3))
+            aside = sum((to[i] - along * axis[part, i, None]) ** 2 for i in range(3))
+            far = distance[part, None]
+            room = reach + radius * np.clip((along + reach) / far, 0, 1)
+            found[part] = (along > -reach) & (along < far + reach) & (aside < room * room)
+        return found
 
     which = np.flatnonzero(~panels.bent)
     lamps = [other for k, other in enumerate(world.lights) if k != number]
@@ -188,20 +193,19 @@ def _may_hide(
         Poses(np.concatenate([p.R for p in poses]), np.concatenate([p.t_mm for p in poses])),
         np.concatenate([panels.size_mm[which], np.reshape([other.size_mm for other in lamps], (-1, 2))]),
     )
-    hides = np.zeros((len(points_mm), len(flat)), bool)
-    for k, size in enumerate(flat.size_mm):
-        near = in_the_way(flat.pose.t_mm[k], np.hypot(*size) / 2)
-        if k < len(which):
-            near &= own_panel != which[k]
-        near = np.flatnonzero(near)
+    hides = in_the_way(flat.pose.t_mm, np.hypot(*flat.size_mm.T) / 2)
+    hides[:, : len(which)] &= own_panel[:, None] != which
+    for k in range(len(flat)):
+        near = np.flatnonzero(hides[:, k])
         hides[near, k] = flat.may_hide(k, light, points_mm[near])
-    by_rays = np.zeros(len(points_mm), bool)
-    for k in np.flatnonzero(panels.bent).tolist():
-        other = (own_panel != k) | (panels.curvature_per_mm[k] < 0)  # a hollow panel may shade itself
-        by_rays |= in_the_way(panels.world_from_panel.t_mm[k], np.hypot(*panels.size_mm[k]) / 2) & other
-    for mesh in world.meshes:
-        by_rays |= in_the_way(*mesh.sphere)
-    return flat, hides, by_rays
+    bent, spheres = np.flatnonzero(panels.bent), [mesh.sphere for mesh in world.meshes]
+    by_rays = in_the_way(
+        np.array([*panels.world_from_panel.t_mm[bent], *[middle for middle, _ in spheres]]).reshape(-1, 3),
+        np.array([*np.hypot(*panels.size_mm[bent].T) / 2, *[reach for _, reach in spheres]]),
+    )
+    # A hollow panel may shade itself.
+    by_rays[:, : len(bent)] &= (own_panel[:, None] != bent) | (panels.curvature_per_mm[bent] < 0)
+    return flat, hides, np.any(by_rays, axis=1)
 
 
 def _visible_part(light: AreaLight, scene: Any, points_mm: np.ndarray, normals: np.ndarray, rays: int) -> np.ndarray:

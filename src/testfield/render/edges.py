@@ -52,7 +52,7 @@ def edge_pixels(world: World, light: DirectLight, station: int, exposure: np.nda
         (bordered, borders(world), 1),
         (bordered, lines_in_space(world, eye), 1),
     )
-    shadows = _kinked(world, light, _eye(world, world.motion, station, np.zeros(3)))
+    shadows = _kinked(world, light, _faced(world, eye), _eye(world, world.motion, station, np.zeros(3)))
     if shadows is None:
         return np.full(size, EDGE)
     areas = [*_returning(world), *_touching(world), *shadows]
@@ -202,10 +202,11 @@ def _touching(world: World) -> list[np.ndarray]:
     return areas
 
 
-def _kinked(world: World, light: DirectLight, see: Seen) -> list[np.ndarray] | None:
-    """Tiles of panels on which light changes too fast for one ray a pixel, shadows whose edges are sharp; None where it
-    cannot be told where in the image they are."""
-    kink, panel, low, side = _kinks(world, light)
+def _kinked(world: World, light: DirectLight, seen: np.ndarray, see: Seen) -> list[np.ndarray] | None:
+    """Tiles of panels on which light changes too fast for one ray a pixel, shadows whose edges are sharp, of those
+    panels that may be `seen` (panels,); None where it cannot be told where in the image they are."""
+    kinks = _kinks(world, light)
+    kink, panel, low, side = (column[seen[kinks[1]]] for column in kinks)
     areas: list[np.ndarray] = []
     width, height = world.interior.width_px, world.interior.height_px
     for _ in range(HALVINGS):

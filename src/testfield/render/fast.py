@@ -68,8 +68,7 @@ def render_fast(
         fine = np.empty((len(row), cells**2), np.float32)
         for kind, finer in ((EDGE, 1), (BORDER, max(1, round(FINER / np.sqrt(len(exposure)))))):
             own = part[row, column] == kind
-            found = view.cells(exposure, row[own] + (top - margin), column[own] - margin, cells * finer)
-            fine[own] = found.reshape(-1, cells, finer, cells, finer).mean(axis=(2, 4)).reshape(-1, cells**2)
+            fine[own] = view.cells(exposure, row[own] + (top - margin), column[own] - margin, cells, finer)
         values[top : top + strip] = spread.blurred(smooth, row, column, fine)
         progress(1 / strips)
     return Radiance(world.station_name[station], values)
@@ -97,25 +96,29 @@ class _View:
         x_px, y_px = mi.Float(column) + opaque_float(left), mi.Float(row) + opaque_float(top)
         return fetch(self._radiance(x_px, y_px, np.zeros(3), 1, 1)).reshape(shape)
 
-    def cells(self, exposure: np.ndarray, row: np.ndarray, column: np.ndarray, cells: int) -> np.ndarray:
-        """(k, cells^2) mean radiance over all shots of each cell, row by row, of pixels at `row`, `column` (k,)."""
+    def cells(self, exposure: np.ndarray, row: np.ndarray, column: np.ndarray, cells: int, finer: int) -> np.ndarray:
+        """(k, cells^2) mean radiance over all shots of each cell, row by row, of pixels at `row`, `column` (k,); a cell
+        is divided into `finer` parts each way, with a ray each."""
         mi = mitsuba()
         import drjit as dr
 
-        count, square = len(row), cells * cells
+        count, square, parts = len(row), cells * cells, finer * finer
         if not count:
             return np.zeros((0, square), np.float32)
         top, left = mi.Float(row.astype(np.float32)), mi.Float(column.astype(np.float32))
         total = mi.Float(0)
         for shot in exposure:
-            index = dr.arange(mi.UInt32, count * square)
-            pixel, cell = index // square, index % square
-            x_px = dr.gather(mi.Float, left, pixel) + ((mi.Float(cell % cells) + 0.5) / cells - 0.5)
-            y_px = dr.gather(mi.Float, top, pixel) + ((mi.Float(cell // cells) + 0.5) / cells - 0.5)
-            radiance = self._radiance(x_px, y_px, shot, cells, PARTS)
+            # A cell's parts lie one after the other, so that the device sums them.
+            index = dr.arange(mi.UInt32, count * square * parts)
+            part, cell, pixel = index % parts, index // parts % square, index // (square * parts)
+            across, down = cell % cells * finer + part % finer, cell // cells * finer + part // finer
+            x_px = dr.gather(mi.Float, left, pixel) + ((mi.Float(across) + 0.5) / (cells * finer) - 0.5)
+            y_px = dr.gather(mi.Float, top, pixel) + ((mi.Float(down) + 0.5) / (cells * finer) - 0.5)
+            radiance = self._radiance(x_px, y_px, shot, cells * finer, PARTS)
+            radiance = dr.block_sum(radiance, parts) if parts > 1 else radiance
             total = total + radiance if len(exposure) > 1 else radiance
             dr.eval(total)
-        return fetch(total).reshape(count, square) / np.float32(len(exposure))
+        return fetch(total).reshape(count, square) / np.float32(len(exposure) * parts)
 
     def _radiance(self, x_px: Any, y_px: Any, shot: np.ndarray, cells: int, parts: int) -> Any:
         """Mean radiance of cells about places of the image, at one shot."""

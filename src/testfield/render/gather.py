@@ -18,8 +18,6 @@ from testfield.render.variant import mitsuba
 from testfield.scene.world import LUMINOUS
 
 RAYS_A_PASS = 1 << 21
-SUMMED = 64
-"""Rays whose radiance is summed on the device; more would cost digits."""
 MAX_DEPTH = 6
 """Pieces of a path from a point on: one more than the bounces."""
 GOLDEN = 2654435769
@@ -42,7 +40,7 @@ class Places:
 def gather(
     radiance: Radiances, places: Places, rays: int, seed: int, progress: Callable[[float], None] = lambda _: None
 ) -> np.ndarray:
-    """(n,) irradiance in W/m^2 at places from `rays` each, a multiple of `SUMMED`.
+    """(n,) irradiance in W/m^2 at places from `rays` each.
 
     Their directions are cosine-distributed on a golden-ratio lattice, the same at all points: what is left of its error
     changes little from point to point, and only a gradient moves a centre.
@@ -58,7 +56,8 @@ def gather(
     for k in range(batches):
         index = (np.arange(batch) + k * batch) % len(places)
         ray = dr.arange(mi.UInt32, batch * rays)
-        point, path = ray // opaque(rays), ray % opaque(rays)
+        # Rays of the same direction from neighbouring points lie side by side: they take much the same way.
+        path, point = ray // opaque(batch), ray % opaque(batch)
 
         position, normal, tangent = (
             vector_of(columns(values[index]), point) for values in (places.points, places.normals, places.tangents)
@@ -69,7 +68,7 @@ def gather(
         bitangent = dr.cross(normal, tangent)
         direction = tangent * local.x + bitangent * local.y + normal * local.z
         arriving = radiance(mi.Ray3f(mi.Point3f(position), direction), batch * rays, seed + k)
-        sums = fetch(dr.block_sum(arriving, SUMMED)).reshape(batch, -1).sum(axis=1, dtype=np.float64)
+        sums = fetch(arriving).reshape(rays, batch).sum(axis=0, dtype=np.float64)
         fresh = min(batch, len(places) - k * batch)
         found[index[:fresh]] = np.pi / rays * sums[:fresh]
         progress(1 / batches)
@@ -105,7 +104,7 @@ def matt_radiances(stage: Stage, lookup: Any, meshes: MeshLookup | None, sources
 
     def along(ray: Any, count: int, seed: int) -> Any:
         flags = mi.RayFlags.Minimal | mi.RayFlags.UV | mi.RayFlags.dPdUV
-        hit = stage.scene.ray_intersect(ray, ray_flags=flags, coherent=False)
+        hit = stage.scene.ray_intersect(ray, ray_flags=flags, coherent=True)
         front = dr.dot(ray.d, hit.n) < 0
         emitter = hit.emitter(stage.scene)
         around = ~hit.is_valid() & (emitter != None)  # noqa: E711 (a device pointer)

@@ -3,7 +3,7 @@
 On a matt surface irradiance does not depend on the viewer. What comes straight from the lamps is computed without noise
 (`direct.py`). Everything else, light that was reflected before and light from all around, is smooth; it is estimated
 at a grid of points on each panel (`gather.py`), one bounce after another, and replaced by the polynomial that
-predicts it best.
+predicts it best and by as much of what that leaves as is no noise.
 """
 
 from collections.abc import Callable
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from testfield.render.direct import LATTICE, LEVELS, DirectLight, DirectLookup, compute_direct
-from testfield.render.gather import MAX_DEPTH, SUMMED, Places, Radiances, gather, matt_radiances, path_radiances
+from testfield.render.gather import MAX_DEPTH, Places, Radiances, gather, matt_radiances, path_radiances
 from testfield.render.lookup import cell_of
 from testfield.render.mesh_light import LitMeshes, MeshLight, MeshLookup
 from testfield.render.points import room_sources
@@ -27,12 +27,19 @@ from testfield.store.sheets import FORMAT
 
 MESH_SEEDS = 1 << 20
 """Batches on meshes take seeds from here on, so that none is used twice."""
-SMOOTH_NODES = 33
-MOST_DEGREE = 12
+SMOOTH_NODES = 65
+MOST_DEGREE = 3
+"""Polynomials carry the slopes at a panel's border, which waves cannot; what is finer, waves follow with less noise."""
+STIFFNESS = np.append(np.geomspace(1e-2, 1e8, 41), 1e30)
+"""Weights of waves' bending that are tried, the last of which lets none pass."""
+STILL_FREE = 1 / 4
+"""Part of the estimates that must remain to judge a fit by."""
 MOST_POINTS, MOST_POINTS_PLAIN = 64, 40
 """Along each side of a panel with marks, and of a plain one, which needs no more for a polynomial of that degree."""
 EARLIER = 1 / 8
 """Rays for every bounce but the last, as a part of those for the last."""
+LEAST_RAYS = 64
+"""However small a part of them is asked for."""
 MESH_PATHS = 0.25
 """Paths for a point on a mesh as a part of those for one on a panel; nothing is measured on a mesh's own shade."""
 
@@ -141,8 +148,8 @@ def _part_of(progress: Callable[[float], None], share: float, done: float) -> No
 
 
 def _whole(rays: float) -> int:
-    """The nearest number of rays that `gather` can sum, one sum at least."""
-    return max(1, round(rays / SUMMED)) * SUMMED
+    """A number of rays."""
+    return max(LEAST_RAYS, round(rays))
 
 
 def _on_panels(world: World, shapes: np.ndarray) -> Places:
@@ -171,7 +178,39 @@ def _nodes(estimates: np.ndarray) -> np.ndarray:
     count = (np.arange(len(terms)) + 1) ** 2
     told = 1.5 * count <= estimates.size
     degree = int(np.argmin(left[told] / (estimates.size - count[told]) ** 2)) + 1
-    return np.maximum(up_nodes[:, :degree] @ terms[:degree, :degree] @ across_nodes[:, :degree].T, 0)
+    up, up_nodes, across, across_nodes = (side[:, :degree] for side in (up, up_nodes, across, across_nodes))
+    kept = terms[:degree, :degree]
+    rest = estimates - up @ kept @ across.T
+    return np.maximum(up_nodes @ kept @ across_nodes.T + _waves(rest, degree**2), 0)
+
+
+def _waves(rest: np.ndarray, told: int) -> np.ndarray:
+    """What a fit of `told` terms leaves (rows, columns), without its noise, at the nodes: such light as falls past the
+    edge of something near.
+
+    A smoothing spline on an even grid, whose cosines pass the less the more they bend; how much less, generalised
+    cross-validation says again (Garcia 2010).
+    """
+    (up, up_nodes), (across, across_nodes) = (_cosines(n) for n in rest.shape)
+    terms = up.T @ rest @ across
+    bending = np.add.outer(*((np.arange(n) / n) ** 2 for n in rest.shape)) ** 2
+    passed = 1 / (1 + STIFFNESS[:, None, None] * bending)
+    free = rest.size - told - passed.sum(axis=(1, 2))
+    left = (((1 - passed) * terms) ** 2).sum(axis=(1, 2))
+    tried = np.append(free[:-1] > STILL_FREE * rest.size, True)
+    best = np.flatnonzero(tried)[np.argmin(left[tried] / free[tried] ** 2)]
+    return np.asarray(up_nodes @ (passed[best] * terms) @ across_nodes.T)
+
+
+@cache
+def _cosines(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Cosines that are orthonormal on the middles of `count` cells: their values there and at the nodes."""
+    height = np.sqrt(np.where(np.arange(count) > 0, 2, 1) / count)
+    middles = (np.arange(count) + 0.5) / count
+    at_middles, at_nodes = (
+        np.cos(np.pi * np.outer(at, np.arange(count))) * height for at in (middles, np.linspace(0, 1, SMOOTH_NODES))
+    )
+    return at_middles, at_nodes
 
 
 @cache

@@ -94,11 +94,14 @@ class _Shades:
         mi = mitsuba()
         import drjit as dr
 
+        places, asks = columns(points_mm), [mi.UInt32(v.astype(np.uint32)) for v in (begin, end)]
+        way = self._way(mi.Vector3f(*places), *asks)
+        dr.eval(way)
         thread = dr.arange(mi.UInt32, len(points_mm) * LINES)
         point, line = thread // LINES, thread % LINES
-        position, normal = (vector_of(columns(values), point) for values in (points_mm, normals))
-        first, last = (dr.gather(mi.UInt32, mi.UInt32(v.astype(np.uint32)), point) for v in (begin, end))
-        cosine, sine = self._way(position, first, last)
+        position, normal = (vector_of(values, point) for values in (places, columns(normals)))
+        first, last = (dr.gather(mi.UInt32, ask, point) for ask in asks)
+        cosine, sine = (dr.gather(mi.Float, part, point) for part in way)
         reach = self.half_u * dr.abs(sine) + self.half_v * dr.abs(cosine)
         v = ((mi.Float(line) + 0.5) * (2 / LINES) - 1) * reach
         x, y = -v * sine, v * cosine

@@ -41,7 +41,7 @@ class RenderPart(Part):
         "fast", description="fast: exact edges under known light; path: plain path tracing, the reference."
     )
     cells: int = Field(3, ge=1, le=16, description="fast: cells along each side of a pixel.")
-    light_spacing_mm: PositiveFloat = Field(60, description="fast: distance of the points at which light is computed.")
+    light_spacing_mm: PositiveFloat = Field(30, description="fast: distance of the points at which light is computed.")
     light_paths: int = Field(4096, ge=16, le=10_000_000, description="fast: paths for each of these points.")
     blur_shots: int = Field(
         64, ge=2, le=4096, description="fast: the most sharp pictures whose mean makes a defocused or moved one."
