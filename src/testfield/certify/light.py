@@ -20,6 +20,7 @@ BLOCK = 8
 SPACING_MM = 40.0
 LIGHTS = 4
 """Independent computations of the fast light, so that its own noise is known."""
+FINER = 8
 NOISE, SAMPLES = 0.002, 1024
 """To which a coat's reflection is sampled."""
 
@@ -43,7 +44,7 @@ def certify_light(world: World, quick: bool) -> list[Verdict]:
     usual = Effort(320, SPACING_MM, 8192, 16, 48) if quick else Effort(320, SPACING_MM, 8192, 40, 256)
     small = Effort(192, 60.0, 2048, 12, 32, 1e-2) if quick else Effort(256, 60.0, 8192, 24, 128, 2e-3)
     others = [verdict for name, other in variants(world).items() for verdict in _against_path(other, small, name)]
-    return [*_against_path(world, usual), _centre_scatter(world, quick), *others]
+    return [*_against_path(world, usual), *_centres_moved(world, quick), *others]
 
 
 def variants(world: World) -> dict[str, World]:
@@ -123,23 +124,27 @@ def _against_path(world: World, effort: Effort, name: str = "") -> list[Verdict]
     ]
 
 
-def _centre_scatter(world: World, quick: bool) -> Verdict:
-    """Scatter of first-moment centres between independent computations of the light, as a scene has it by default."""
+def _centres_moved(world: World, quick: bool) -> list[Verdict]:
+    """What the light's noise does to first-moment centres, as a scene has it by default, and what all its error does:
+    points that are too far apart err alike every time, and no scatter shows it."""
     stage = build_stage(world)
     seeds, default = 3 if quick else 8, RenderPart()
-    centres = []
-    for seed in range(seeds):
-        light = compute_irradiance(stage, default.light_spacing_mm, default.light_paths, 1000 + seed, lambda _: None)
-        centres.append(first_moment_centres(world, render_fast(stage, light, 0, 3).values.astype(float)))
-    scatter = np.std(centres, axis=0, ddof=1)
-    return Verdict(
-        "light",
-        "centre scatter from light noise, rms",
-        float(np.sqrt((scatter**2).mean())),
-        0.0005,
-        "px",
-        f"{len(scatter)} dots, {seeds} independent computations of the light",
-    )
+
+    def centres(spacing_mm: float, paths: int, seed: int) -> np.ndarray:
+        light = compute_irradiance(stage, spacing_mm, paths, seed, lambda _: None)
+        return first_moment_centres(world, render_fast(stage, light, 0, 3).values.astype(float))
+
+    usual = np.array([centres(default.light_spacing_mm, default.light_paths, 1000 + k) for k in range(seeds)])
+    finer = centres(default.light_spacing_mm / 2, default.light_paths * FINER, 2000)
+    how = f"{usual.shape[1]} dots, {seeds} independent computations of the light"
+    scatter, error = np.std(usual, axis=0, ddof=1), usual - finer
+    return [
+        Verdict("light", f"centre {name}, rms", float(np.sqrt((value**2).mean())), 0.0005, "px", how + more)
+        for name, value, more in (
+            ("scatter from light noise", scatter, ""),
+            ("error from light", error, f", against one with {FINER} times the paths at half the spacing"),
+        )
+    ]
 
 
 def first_moment_centres(world: World, image: np.ndarray) -> np.ndarray:
