@@ -618,7 +618,7 @@ CHAIN = [
         "[]",
         SOURCES,
     ),
-    Defect("comments count as code", "code_digest", "what_it_does(content).encode()", "content", OWN_CODE),
+    Defect("comments count as code", "_look", "what_it_does(source).encode()", "source", OWN_CODE),
     Defect(
         "annotations of what a class declares do not count",
         "_WhatItDoes.visit_AnnAssign",

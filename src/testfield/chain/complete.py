@@ -8,6 +8,7 @@ from testfield.chain.rendering import refuse_frames_of_others
 from testfield.chain.run import Run, checked, clear, lay_out, share_radiance
 from testfield.chain.stages import STAGES, run_stage
 from testfield.store.lock import only_writer
+from testfield.store.work import local_pool
 
 SILENT = ("calibrate", "reconstruct", "score")
 """Stages that are one step, and show no progress of their own."""
@@ -52,7 +53,10 @@ def stage(run: Run, name: str) -> bool:
 
 def _do(run: Run, content: bytes, warnings: list[str], force: bool, stages: tuple[str, ...]) -> bool:
     _begin(run, content, warnings, force)
-    return any([stage(run, name) for name in stages])
+    with local_pool(run.jobs) as run.pool:  # its processes begin with the first stage that asks for them
+        made = any([stage(run, name) for name in stages])
+    run.pool = None
+    return made
 
 
 def _begin(run: Run, content: bytes, warnings: list[str], force: bool) -> None:

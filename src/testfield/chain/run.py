@@ -31,19 +31,22 @@ from testfield.store.digests import digest, file_digest
 from testfield.store.ledger import Ledger, inside
 from testfield.store.stamp import now
 from testfield.store.text import decoded
+from testfield.store.work import Pool
 from testfield.targets.field import Field
 from testfield.version import __version__
 
 
 @dataclass
 class Run:
-    """One scene in one folder. `jobs` processes may work at once; `source` is what messages call the scene."""
+    """One scene in one folder. `jobs` processes may work at once, those of `pool` if there is one; `source` is what
+    messages call the scene."""
 
     folder: Path
     scene: SceneFile
     source: str
     ledger: Ledger
     jobs: int = 1
+    pool: Pool | None = None
 
     @cached_property
     def truth(self) -> Truth:

@@ -12,7 +12,9 @@ from functools import cache, lru_cache
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
+
+from testfield.store.looked_at import LookedAt
 
 PACKAGES = ("mitsuba", "drjit", "numpy", "scipy", "opencv-python-headless", "pyarrow", "OpenEXR", "trimesh", "embreex")
 OWN = "testfield"
@@ -21,6 +23,7 @@ ROOT = Path(__file__).parents[1]
 Function = TypeVar("Function", ast.FunctionDef, ast.AsyncFunctionDef)
 
 
+@cache
 def package_version(name: str) -> str:
     """Version of an installed distribution."""
     try:
@@ -42,8 +45,20 @@ def code_digest(*modules: str, without: tuple[str, ...] = ()) -> str:
     state = hashlib.sha256(repr([sys.version_info[:2], [package_version(name) for name in PACKAGES]]).encode())
     for path in sorted(sources(modules, without)):
         content = path.read_bytes()
-        state.update(path.name.encode() + (what_it_does(content).encode() if path.suffix == ".py" else content))
+        does = _looked_at().at(content)[0].encode() if path.suffix == ".py" else content
+        state.update(path.name.encode() + does)
+    _looked_at().keep()
     return state.hexdigest()
+
+
+@cache
+def _looked_at() -> LookedAt:
+    """Of every source a digest of what it does, and its imports."""
+    return LookedAt(ROOT / "__pycache__" / "sources.json", Path(__file__).read_bytes(), _look)
+
+
+def _look(source: bytes) -> list[Any]:
+    return [hashlib.sha256(what_it_does(source).encode()).hexdigest(), _import_statements(source)]
 
 
 def sources(modules: tuple[str, ...], without: tuple[str, ...] = ()) -> set[Path]:
@@ -65,7 +80,6 @@ def sources(modules: tuple[str, ...], without: tuple[str, ...] = ()) -> set[Path
     return found
 
 
-@cache
 def what_it_does(source: bytes) -> str:
     """A Python source's syntax tree as text, without what changes no result.
 
@@ -141,7 +155,7 @@ def _imports_in_order(statements: list[ast.stmt]) -> list[ast.stmt]:
 def imports(path: Path) -> frozenset[str]:
     """Full names of everything a file imports, wherever in it; `from a import b` gives both `a` and `a.b`."""
     names: set[str] = set()
-    for level, base, imported in _import_statements(path.read_bytes()):
+    for level, base, imported in _looked_at().at(path.read_bytes())[1]:
         if level and ROOT in path.parents:  # relative to the file's own package
             package = path.relative_to(ROOT.parent).with_suffix("").parts[:-level]
             base = ".".join([*package, *([base] if base else [])])
@@ -149,16 +163,15 @@ def imports(path: Path) -> frozenset[str]:
     return frozenset(names)
 
 
-@cache
-def _import_statements(source: bytes) -> tuple[tuple[int, str, tuple[str, ...]], ...]:
+def _import_statements(source: bytes) -> list[tuple[int, str, list[str]]]:
     """Of every import in a source: how many packages up, from which module (empty for `import a`), and what."""
-    found: list[tuple[int, str, tuple[str, ...]]] = []
+    found: list[tuple[int, str, list[str]]] = []
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import):
-            found.append((0, "", tuple(alias.name for alias in node.names)))
+            found.append((0, "", [alias.name for alias in node.names]))
         elif isinstance(node, ast.ImportFrom):
-            found.append((node.level, node.module or "", tuple(alias.name for alias in node.names)))
-    return tuple(found)
+            found.append((node.level, node.module or "", [alias.name for alias in node.names]))
+    return found
 
 
 def _file(module: str) -> Path | None:
