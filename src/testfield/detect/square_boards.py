@@ -5,6 +5,7 @@ What OpenCV reads says where every corner is to a pixel or so, from the corners 
 """
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -60,8 +61,12 @@ class _Reader:
 
     def __init__(self, image: np.ndarray):
         self.image = image
-        self.pictures = list(pictures(image))
         self.tags: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+
+    @cached_property
+    def pictures(self) -> list[np.ndarray]:
+        """The image in bytes, in those ways that are worth a look."""
+        return list(pictures(self.image))
 
     def board(self, pattern: BoardPattern) -> Seen | None:
         try:
