@@ -2,9 +2,9 @@
 
 from collections.abc import Callable
 from dataclasses import asdict
-from pathlib import Path
 
 from testfield.chain.belongs import exposed_world, rendered_world, world_of
+from testfield.chain.frame_work import expose_one
 from testfield.chain.keys import (
     RenderKeys,
     expose_key,
@@ -112,7 +112,7 @@ def expose(run: Run) -> Made:
         else:
             seeds = (part.sensor_seed, scene.seed if scene.noise_seed is None else scene.noise_seed)
             work.append((source, run.folder / pair[0], size, sensor, seeds, pair, key, world))
-    for parts, key, world in each_item(run, "expose", _expose_one, work, "frames"):
+    for parts, key, world in each_item(run, "expose", expose_one, work, "frames"):
         run.ledger.place(parts, key, world=world)
     return len(work), len(run.stations)
 
@@ -140,24 +140,3 @@ def refuse_frames_of_others(run: Run) -> None:
             str(run.folder / file),
             f"`testfield detect {run.folder}` and the stages after it use it; for a rendered one move it away",
         )
-
-
-def _expose_one(work: tuple) -> tuple[dict[str, Path], str, str]:
-    """Write a frame's two parts; only the process that keeps the ledger puts them in their places."""
-    import testfield.sensor.expose as sensor_room
-    from testfield.camera.images import Radiance
-    from testfield.store.atomic import part_path
-
-    source, target, size, sensor, (sensor_seed, seed), (image, sheet), key, world = work
-    part = part_path(target)
-    part.parent.mkdir(parents=True, exist_ok=True)
-    radiance = Radiance.load(source)
-    if (radiance.station, radiance.values.shape) != (source.stem, size):
-        raise TestfieldError(
-            f"an image of '{radiance.station}' of {radiance.values.shape[1]} x {radiance.values.shape[0]} px, and "
-            f"'{source.stem}' of {size[1]} x {size[0]} px is wanted",
-            str(source),
-            "render again",
-        )
-    sensor_room.expose(radiance, sensor, sensor_seed, noise_seed=seed).save(part)
-    return {image: part, sheet: part.with_suffix(".json")}, key, world

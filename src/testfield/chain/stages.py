@@ -3,9 +3,9 @@
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from testfield.chain.belongs import check_truth, world_of
+from testfield.chain.frame_work import detect_one
 from testfield.chain.keys import (
     calibrate_key,
     detect_key,
@@ -18,7 +18,6 @@ from testfield.chain.recipe import recipe_of
 from testfield.chain.rendering import expose, frames_of_others, render
 from testfield.chain.run import Run
 from testfield.chain.stage_work import Made, each_item
-from testfield.errors import TestfieldError
 from testfield.store.digests import file_digest
 from testfield.store.threads import one_blas_thread
 
@@ -39,23 +38,9 @@ def detect(run: Run) -> Made:
         (source, name, run.field, recipe, (part.scene.camera.width_px, part.scene.camera.height_px))
         for source, (part, _, _, name) in zip(sources, run.truth.images(), strict=True)
     ]
-    parts = list(each_item(run, "detect", _detect_one, work, "frames"))
+    parts = list(each_item(run, "detect", detect_one, work, "frames"))
     observations = run.truth.by_cameras(Observations.join(parts, run.stations))
     return int(run.ledger.make("observations.parquet", key, observations.save, world=world)), 1
-
-
-def _detect_one(work: tuple) -> Any:
-    from testfield.camera.images import Frame
-    from testfield.measure.pipeline import detect
-
-    source, name, field, recipe, (width, height) = work
-    frame = Frame.load(source, name)
-    if frame.pixels_dn.shape != (height, width):
-        found = f"{frame.pixels_dn.shape[1]} x {frame.pixels_dn.shape[0]}"
-        raise TestfieldError(
-            f"the image is {found} px and the camera {width} x {height}", str(source), "all frames are of one camera"
-        )
-    return detect(frame, field, recipe)
 
 
 def calibrate(run: Run) -> Made:
