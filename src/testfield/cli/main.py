@@ -19,6 +19,7 @@ MODULES = (
     "measure",
     "uncertainty",
     "accept",
+    "compare",
     "study",
     "validate",
     "preview",
@@ -36,7 +37,8 @@ GROUPS = {
     "what a run holds": ("accept", "uncertainty"),
     "one stage of a run": ("render", "expose", "detect", "calibrate", "reconstruct", "score", "report"),
     "photographs": ("measure", "codes"),
-    "the program itself": ("certify", "bench", "study"),
+    "ways to measure": ("compare", "study"),
+    "the program itself": ("certify", "bench"),
     "to look up": ("list", "schema", "completion"),
 }
 """Commands in the order in which they are shown."""

@@ -27,7 +27,7 @@ def scorecard_row(case: Case, run: Run | None) -> list[dict[str, Any]]:
         raise TestfieldError("this case has no scene to measure", str(case.labels), "give it one, or a work of its own")
     recipe = case.recipe or recipe_of(run.scene)
     recipe.check(recipe.name)
-    frames = _frames(case, run)
+    frames = frames_of(case, run)
     seen = Observations.join([detect(frame, run.field, recipe) for frame in frames], run.stations)
     found = measure(run.truth.by_cameras(seen), run.field, recipe)
     return [flat(plain(_scorecard(found, run)))]
@@ -55,7 +55,7 @@ def flat(card: dict[str, Any], before: str = "") -> dict[str, Any]:
     return row
 
 
-def _frames(case: Case, run: Run) -> list[Frame]:
+def frames_of(case: Case, run: Run) -> list[Frame]:
     """The run's frames, or those that the case's noise gives."""
     run_stage(run, "render")
     if case.noise_seed is None:

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 FILTERS = {
-    "num": lambda v, form: "–" if v is None else form % v,
+    "num": lambda v, form: "–" if v is None or v != v else form % v,
     "mm": lambda v: "–" if v is None else f"{v:.4f}",
     "signed": lambda v: "–" if v is None else f"{v:+.4f}",
     "short": lambda v: "–" if v is None else f"{v:.3g}",

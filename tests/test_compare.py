@@ -1,0 +1,119 @@
+"""`testfield compare`: the same frames for every recipe, the two known rows as they must be, failures counted."""
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from testfield.evaluate.compare import CENTRE, bias_and_spread, cases_of, conclude
+from testfield.evaluate.compared import BROKEN, SHIFT_PX, TRUTH
+from testfield.evaluate.execute import FAILURE
+from testfield.measure.recipe import Algorithm, Recipe
+
+TINY = Path(__file__).parent / "torture" / "tiny.toml"
+MATTERS = {"px": 0.001, "um": 1.0, "": 0.5}
+
+
+def recipes(*names: str) -> list[Recipe]:
+    return [Recipe(name=name, centroid=Algorithm(name)) for name in names]
+
+
+def run_compare(*words: object) -> "subprocess.CompletedProcess[str]":
+    command = [sys.executable, "-m", "testfield", "compare", *map(str, words)]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
+def test_every_recipe_meets_every_draw_of_every_scene_and_two_rows_are_known(tmp_path: Path) -> None:
+    other = tmp_path / "other.toml"
+    other.write_text(TINY.read_text().replace('name = "', 'name = "other_', 1))
+    cases = cases_of([TINY, other], recipes("forward_model", "grey_centroid"), 3)
+    labels = pd.DataFrame([case.labels for case in cases])
+    assert (labels.groupby(["scene", "recipe"]).size().unstack()[["forward_model", "grey_centroid"]] == 3).all().all()
+    assert (labels.groupby(["scene", "recipe"]).size().unstack()[[TRUTH, BROKEN]] == 1).all().all()
+    for case in cases:
+        assert case.noise_seed == case.labels["draw"] and case.scene is not None
+
+
+def test_a_comparison_finds_the_better_centroid_and_keeps_what_it_did(tmp_path: Path) -> None:
+    words = (TINY, "--centroids", "forward_model,grey_centroid", "--draws", 2, "--out", tmp_path, "--jobs", 1, "--json")
+    said = run_compare(*words)
+    assert said.returncode == 0, said.stderr
+    found = json.loads(said.stdout)
+    assert found["sane"]
+    (centre,) = [row for row in found["differences"] if row["figure"] == CENTRE.title]
+    assert centre["difference"] > 0.005 and centre["draws"] == 2
+    rows = pd.read_parquet(tmp_path / "results.parquet").set_index("recipe")
+    assert rows.loc[TRUTH, CENTRE.key] == pytest.approx(0, abs=1e-12)
+    assert rows.loc[BROKEN, CENTRE.key] == pytest.approx(SHIFT_PX / np.sqrt(2), rel=1e-9)
+    page = (tmp_path / "report.html").read_text()
+    assert len(page) < 5e6 and not re.search(r"""(src|href)=["'](?!#)|url\(["']?http""", page)
+    for name in ("comparison.csv", "comparison.md", "comparison.tex", "cases.csv"):
+        assert "grey_centroid" in (tmp_path / name).read_text().replace("\\", "")
+    kept = {path: path.stat().st_mtime_ns for path in (tmp_path / "cases").iterdir()}
+    again = run_compare(*words)
+    assert json.loads(again.stdout) == found
+    assert {path: path.stat().st_mtime_ns for path in (tmp_path / "cases").iterdir()} == kept
+
+
+def rows_of(**columns: list) -> pd.DataFrame:
+    n = len(next(iter(columns.values())))
+    return pd.DataFrame({"scene": ["s"] * n, "draw": range(1, n + 1)} | columns)
+
+
+def test_a_truth_that_errs_or_a_broken_one_that_wins_condemns_the_page() -> None:
+    def known(truth: float, broken: float) -> bool:
+        rows = rows_of(recipe=["a", "b", TRUTH, BROKEN], **{CENTRE.key: [0.01, 0.02, truth, broken]})
+        return conclude(rows, ["a", "b"], MATTERS).sane
+
+    assert known(0.0, 0.35)
+    assert not known(1e-6, 0.35)
+    assert not known(0.0, 0.015)
+    rows = rows_of(recipe=["a", "b"], **{CENTRE.key: [0.01, 0.02]})
+    assert not conclude(rows, ["a", "b"], MATTERS).sane
+
+
+def test_failures_are_counted_and_not_dropped() -> None:
+    rows = rows_of(recipe=["a", "b", "a", "b"], **{CENTRE.key: [0.01, np.nan, 0.01, 0.02]})
+    rows["draw"] = [1, 1, 2, 2]
+    rows[FAILURE] = [None, "too few boards", None, None]
+    compared = conclude(rows, ["a", "b"], MATTERS)
+    assert compared.summary.failed.tolist() == [0, 1]
+    assert compared.differences["b", CENTRE.key].draws == 1
+
+
+def test_bias_and_spread_of_drawn_errors_come_back() -> None:
+    rng, marks, draws = np.random.default_rng(1), 400, 12
+    bias = rng.normal(0, 0.02, (marks, 2))
+    rows = []
+    for draw in range(draws):
+        error = bias + rng.normal(0, 0.05, (marks, 2))
+        order = rng.permutation(marks)[: marks - 3]  # some are missed, and rows have no order
+        columns = {"dx_px": error[order, 0].tolist(), "dy_px": error[order, 1].tolist()}
+        rows.append({"scene": "s", "draw": draw, "station": [0] * len(order), "mark": order.tolist()} | columns)
+    found = bias_and_spread(pd.DataFrame(rows))
+    assert found == pytest.approx((0.02, 0.05), rel=0.06)
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        ((TINY, "--centroids", "forward_model"), "--recipes"),
+        ((TINY, "--centroids", "forward_model,gray_centroid"), "grey_centroid"),
+        ((TINY, "--centroids", "forward_model,forward_model"), "forward_model"),
+        ((TINY, TINY, "--centroids", "forward_model,star"), "tiny.toml"),
+        ((TINY, "--centroids", "forward_model,star", "--draws", 0), "--draws"),
+        ((TINY, "--centroids", "forward_model,star", "--effect-px", 0), "--effect-px"),
+        ((TINY, "--centroids", "forward_model,star", "--effect-um", "nan"), "--effect-um"),
+        (("no_such_scene", "--centroids", "forward_model,star"), "no_such_scene"),
+        ((TINY, "--recipes", "no_such_recipe.toml", "--centroids", "star"), "no_such_recipe.toml"),
+    ],
+)
+def test_what_cannot_be_compared_is_said_before_anything_is_rendered(words: tuple, named: str, tmp_path: Path) -> None:
+    said = run_compare(*words, "--out", tmp_path / "out")
+    assert said.returncode == 2 and named in said.stderr and len(said.stderr.strip().splitlines()) == 1
+    assert not (tmp_path / "out" / "runs").exists()
