@@ -101,7 +101,7 @@ def act(args: argparse.Namespace) -> int:
 def _floor(certificate: dict[str, Any] | None) -> str:
     """What the images themselves may err, in a sentence."""
     if certificate is None:
-        return "No certificate lies beside this comparison's folder: `testfield certify` says what the images may err."
+        return "No certificate lies beside this comparison's folder; testfield certify says what the images may err."
     limit = certificate["centre_floor_px"]
     of = "" if certificate["valid"] else ", made with another version of the renderer"
     return f"Centres in these images are true to {limit:.5f} px rms by the certificate beside this folder{of}."

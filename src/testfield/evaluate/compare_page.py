@@ -99,7 +99,7 @@ def _short(value: Any) -> str:
 
 def _drawn(differences: dict[str, Difference], title: str) -> bytes:
     """Differences with their intervals, and the band in which they do not matter."""
-    with figure(6.5, 0.7 + 0.32 * len(differences)) as (drawing, axes):
+    with figure(6.5, 0.8 + 0.35 * len(differences)) as (drawing, axes):
         matters = max(one.matters for one in differences.values())
         axes.axvspan(-matters, matters, color=FAINT, alpha=0.25, linewidth=0)
         axes.axvline(0, color=INK, linewidth=0.8)
@@ -110,6 +110,6 @@ def _drawn(differences: dict[str, Difference], title: str) -> bytes:
                 axes.plot([low, high], [k, k], color=colour, linewidth=2.2, solid_capstyle="butt")
             axes.plot(one.estimate.value, k, "o", color=colour, markersize=5)
         axes.set_yticks(range(len(differences)), [f"{name}: {one.word.value}" for name, one in differences.items()])
-        axes.invert_yaxis()
+        axes.set_ylim(len(differences) - 0.4, -0.6)
         axes.set_xlabel(title)
         return svg_of(drawing)
