@@ -1004,7 +1004,38 @@ RENDERING = [
         ANY_SIZE,
     ),
 ]
+POWER = "tests/test_paired.py::test_a_difference_of_five_in_a_hundred_is_found_as_often_as_theory_says"
+CLUSTERED = "tests/test_paired.py::test_intervals_hold_95_of_a_hundred_where_draws_come_in_scenes"
+OF_MANY = "tests/test_paired.py::test_of_many_equal_ones_any_is_called_different_in_no_more_than_five_of_a_hundred"
+KNOWN = "tests/test_compare.py::test_a_truth_that_errs_or_a_broken_one_that_wins_condemns_the_page"
+COUNTED = "tests/test_compare.py::test_failures_are_counted_and_not_dropped"
+COMPARING = [
+    Defect(
+        "better and worse are exchanged",
+        "difference",
+        "mean_of_clusters(two - one)",
+        "mean_of_clusters(one - two)",
+        POWER,
+    ),
+    Defect(
+        "draws of one scene count as independent",
+        "difference",
+        "(np.array([pair[k].mean() for pair in both]) for k in (0, 1))",
+        "(np.concatenate([pair[k] for pair in both]) for k in (0, 1))",
+        CLUSTERED,
+    ),
+    Defect(
+        "many differences are judged like one",
+        "together",
+        "holm(np.array([one.chance for one in differences]))",
+        "np.array([one.chance for one in differences])",
+        OF_MANY,
+    ),
+    Defect("a truth that errs is believed", "sane", "truth.abs() < 1e-9", "truth.abs() < 1", KNOWN),
+    Defect("a failed case is left out", "_summary", "int(failed.sum())", "0", COUNTED),
+]
 DEFECTS = [
+    *COMPARING,
     *RENDERING,
     *STUDIES,
     *CERTIFICATES,
