@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from testfield.evaluate.compare import CENTRE, bias_and_spread, cases_of, conclude
+from testfield.evaluate.compare import CENTRE, COMMON, bias_and_spread, cases_of, conclude, of_common
 from testfield.evaluate.compared import BROKEN, SHIFT_PX, TRUTH
 from testfield.evaluate.execute import FAILURE
 from testfield.measure.recipe import Algorithm, Recipe
@@ -52,6 +52,7 @@ def test_a_comparison_finds_the_better_centroid_and_keeps_what_it_did(tmp_path: 
     assert rows.loc[BROKEN, CENTRE.key] == pytest.approx(SHIFT_PX / np.sqrt(2), rel=1e-9)
     page = (tmp_path / "report.html").read_text()
     assert len(page) < 5e6 and not re.search(r"""(src|href)=["'](?!#)|url\(["']?http""", page)
+    assert len(pd.read_parquet(tmp_path / "comparison.parquet")) == len(found["differences"])
     for name in ("comparison.csv", "comparison.md", "comparison.tex", "cases.csv"):
         assert "grey_centroid" in (tmp_path / name).read_text().replace("\\", "")
     kept = {path: path.stat().st_mtime_ns for path in (tmp_path / "cases").iterdir()}
@@ -84,6 +85,22 @@ def test_failures_are_counted_and_not_dropped() -> None:
     compared = conclude(rows, ["a", "b"], MATTERS)
     assert compared.summary.failed.tolist() == [0, 1]
     assert compared.differences["b", CENTRE.key].draws == 1
+
+
+def test_who_leaves_out_what_is_hard_gains_nothing_where_all_count_the_same() -> None:
+    all_found = {"station": [0, 0, 1], "mark": [3, 4, 3], "dx_px": [0.1, 0.9, 0.1], "dy_px": [0.1, 0.9, 0.1]}
+    easy_ones = {"station": [1, 0], "mark": [3, 3], "dx_px": [0.2, 0.2], "dy_px": [0.2, 0.2]}
+    rows = pd.DataFrame(
+        [
+            {"scene": "s", "draw": 1, "recipe": "a", CENTRE.key: 0.53} | all_found,
+            {"scene": "s", "draw": 1, "recipe": "b", CENTRE.key: 0.2} | easy_ones,
+            {"scene": "s", "draw": 1, "recipe": "c", FAILURE: "crashed"},
+        ]
+    )
+    assert of_common(rows).tolist() == pytest.approx([0.1, 0.2, np.nan], nan_ok=True)
+    compared = conclude(rows, ["a", "b", "c"], MATTERS)
+    assert compared.differences["b", CENTRE.key].estimate.value < 0
+    assert compared.differences["b", COMMON.key].estimate.value == pytest.approx(0.1)
 
 
 def test_bias_and_spread_of_drawn_errors_come_back() -> None:

@@ -29,8 +29,10 @@ class Metric:
 
 
 CENTRE = Metric("detection.centre_rms_px", "centre error, rms", "px")
+COMMON = Metric("common.centre_rms_px", "centre error of targets that all found, rms", "px")
 METRICS = (
     CENTRE,
+    COMMON,
     Metric("detection.missed", "targets missed", ""),
     Metric("calibration.corner_error_px", "interior orientation, worst corner", "px"),
     Metric("points.rmse_mm", "check points, RMSE", "um", 1000.0),
@@ -105,6 +107,7 @@ def cases_of(scenes: Sequence[Path], recipes: Sequence[Recipe], draws: int) -> l
 def conclude(rows: pd.DataFrame, recipes: Sequence[str], matters: dict[str, float]) -> Compared:
     """What the rows of `cases_of` say; `matters` by unit, from which difference on it matters."""
     own = rows[rows.recipe.isin(recipes)]
+    own = own.assign(**{COMMON.key: of_common(own)})
     keys = [(name, metric) for name in recipes[1:] for metric in METRICS if metric.key in own]
     found = [
         difference(_draws(own, recipes[0], metric), _draws(own, name, metric), matters[metric.unit])
@@ -116,6 +119,28 @@ def conclude(rows: pd.DataFrame, recipes: Sequence[str], matters: dict[str, floa
         summary=pd.DataFrame([_summary(own[own.recipe == name], name) for name in recipes]),
         sanity=rows[rows.recipe.isin([TRUTH, BROKEN])].reset_index(drop=True),
     )
+
+
+def of_common(rows: pd.DataFrame) -> pd.Series:
+    """Each row's centre error in px, rms over those centres that all recipes with figures measured in the same frames:
+    who leaves out what is hard gains nothing by it."""
+    found = pd.Series(np.nan, rows.index)
+    if "dx_px" not in rows:
+        return found
+    for _, same in rows[rows.dx_px.notna()].groupby(["scene", "draw"]):
+        errors = [_errors(row) for row in same.itertuples()]
+        both = pd.concat(errors, axis=1, join="inner").to_numpy(float)
+        if len(both):
+            square = (both**2).mean(axis=0).reshape(-1, 2).mean(axis=1)
+            found[same.index] = np.sqrt(square)
+    return found
+
+
+def _errors(row: Any) -> pd.DataFrame:
+    """The errors of a row's centres by station and mark, each once."""
+    index = pd.MultiIndex.from_arrays([row.station, row.mark])
+    table = pd.DataFrame({"x": row.dx_px, "y": row.dy_px}, index=index)
+    return table[~table.index.duplicated()]
 
 
 def _draws(rows: pd.DataFrame, recipe: str, metric: Metric) -> list[np.ndarray]:
@@ -152,11 +177,7 @@ def bias_and_spread(rows: pd.DataFrame) -> tuple[float, float]:
     for _, of_scene in rows.groupby("scene"):
         if len(of_scene) < 2 or "dx_px" not in of_scene:
             continue
-        tables = [
-            pd.DataFrame({"x": row.dx_px, "y": row.dy_px}, index=pd.MultiIndex.from_arrays([row.station, row.mark]))
-            for row in of_scene.itertuples()
-        ]
-        tables = [one[~one.index.duplicated()] for one in tables]
+        tables = [_errors(row) for row in of_scene.itertuples()]
         errors = pd.concat(tables, axis=1, join="inner").to_numpy(float).reshape(-1, len(tables), 2)
         spread = errors.var(axis=1, ddof=1)
         # The mean of n draws still has an n-th of their variance.

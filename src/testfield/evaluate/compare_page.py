@@ -32,6 +32,8 @@ def write_comparison(compared: Compared, about: dict[str, Any], folder: Path) ->
     for name, text in texts.items():
         with whole(folder / name) as path:
             write_text(path, text)
+    with whole(folder / "comparison.parquet") as path:
+        table.to_parquet(path, index=False)
     drawings = []
     for metric in METRICS:
         own = {recipe: one for (recipe, key), one in compared.differences.items() if key == metric.key and one.draws}
