@@ -89,7 +89,7 @@ def act(args: argparse.Namespace) -> int:
     else:
         for row in table.itertuples():
             ends = f"{row.low:+.3g} to {row.high:+.3g}"
-            print(f"{row.verdict:<11} {row.recipe:<18} {row.figure:<36} {row.difference:+.3g} {row.unit:<3} ({ends})")
+            print(f"{row.verdict:<11} {row.recipe:<18} {row.figure:<44} {row.difference:+.3g} {row.unit:<3} ({ends})")
         if not compared.sane:
             print(
                 "the two rows whose outcome is known came out otherwise: nothing here can be believed", file=sys.stderr
