@@ -127,6 +127,12 @@ def fit_plane(view: View, lens: RoughLens) -> tuple[PlaneImage | None, np.ndarra
     return _least_squares(plane[good], image[good], lens), good
 
 
+def as_others_say(view: View, size_px: tuple[int, int]) -> np.ndarray:
+    """(n,) which points of one view in an image of `size_px` (width, height) are where the others say, whatever the
+    lens."""
+    return fit_plane(view, rough_lens([view], (np.array(size_px) - 1) / 2))[1]
+
+
 def fitted_to(view: View, lens: RoughLens) -> PlaneImage | None:
     """The image of a plane by all points of a view, which must be right; None where they lie on a line."""
     return _least_squares(*view, lens)

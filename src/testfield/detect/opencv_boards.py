@@ -12,7 +12,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from testfield.camera.plane_image import fit_plane, rough_lens
+from testfield.camera.plane_image import as_others_say
 from testfield.detect.eight_bits import pictures
 from testfield.detect.target_spec import TargetSpec
 from testfield.errors import TestfieldError
@@ -195,11 +195,9 @@ def checkerboards(image: np.ndarray, columns: int, rows: int) -> Iterator[np.nda
 def _checkerboard(image: np.ndarray, spec: TargetSpec) -> Corners:
     """The first grid whose points all lie where a plane and a lens have them; where none does (a board may be bent, a
     lens extreme), the first found."""
-    middle = np.array(image.shape[::-1], float) / 2 - 0.5
     found = []
     for corners in checkerboards(image, spec.columns, spec.rows):
-        view = _places(spec).astype(float), corners
-        if fit_plane(view, rough_lens([view], middle))[1].all():
+        if as_others_say((_places(spec).astype(float), corners), (image.shape[1], image.shape[0])).all():
             return _grid(corners, spec)
         found.append(corners)
     return _grid(found[0], spec) if found else _empty()

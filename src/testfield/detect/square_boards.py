@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from testfield.camera.images import Frame, SensorSheet
-from testfield.camera.plane_image import fit_plane, rough_lens
+from testfield.camera.plane_image import as_others_say
 from testfield.detect.bright import bright_marks
 from testfield.detect.clear_pixels import CLEAR_OF_BLUR, CLEAR_PX, NEAREST, clear_pixels, covered
 from testfield.detect.corner_model import FittedCorners, fit_corners
@@ -105,8 +105,7 @@ class _Reader:
         if len(board_mm) == CORNERS_A_TAG:  # one tag alone contradicts nobody
             return np.ones(CORNERS_A_TAG, bool)
         height, width = self.image.shape
-        view = board_mm, image_px
-        return fit_plane(view, rough_lens([view], np.array([width - 1, height - 1]) / 2))[1]
+        return as_others_say((board_mm, image_px), (width, height))
 
     def _checkerboard(self, pattern: BoardPattern) -> Seen | None:
         for picture in self.pictures:

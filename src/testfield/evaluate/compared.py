@@ -12,7 +12,7 @@ from testfield.detect.observations import MEASURED, Observations
 from testfield.errors import TestfieldError
 from testfield.evaluate.case import Case
 from testfield.evaluate.measured import flat, frames_of
-from testfield.measure.pipeline import Measured, calibrate, detect, reconstruct
+from testfield.measure.pipeline import calibrate, detect, reconstruct
 from testfield.score.detection import DetectionScore, score_detection
 from testfield.score.scorecard import plain, score_measured
 
@@ -38,23 +38,33 @@ def compared_row(case: Case, run: Run | None) -> list[dict[str, Any]]:
     detected = time.perf_counter()
     seen = run.truth.by_cameras(seen)
     if "sanity" in case.options:
-        seen = _sanity(seen, run, case.options["sanity"])
-        score = score_detection(run.world, run.views, seen.at_times(run.world.field.moving))
+        score = _scored(_sanity(seen, run, case.options["sanity"]), run)
         return [flat(plain({"detection": score.card()})) | _centres(score)]
     calibration = calibrate(seen, run.field, recipe)
     calibrated = time.perf_counter()
-    found = Measured(seen, calibration, reconstruct(seen, calibration, run.field, recipe))
+    points = reconstruct(seen, calibration, run.field, recipe)
     ended = time.perf_counter()
+    score = _scored(seen, run)
     card = score_measured(
-        run.world, run.views, seen, calibration, found.points, cameras=run.truth.cameras, rigs=run.scene.rigs
+        run.world,
+        run.views,
+        seen,
+        calibration,
+        points,
+        cameras=run.truth.cameras,
+        rigs=run.scene.rigs,
+        detection=score,
     )
     times = {
         "time_detect_s": detected - begun,
         "time_calibrate_s": calibrated - detected,
         "time_reconstruct_s": ended - calibrated,
     }
-    score = score_detection(run.world, run.views, seen.at_times(run.world.field.moving))
     return [flat(plain(card)) | times | _centres(score)]
+
+
+def _scored(seen: Observations, run: Run) -> DetectionScore:
+    return score_detection(run.world, run.views, seen.at_times(run.world.field.moving))
 
 
 def _centres(score: DetectionScore) -> dict[str, Any]:
@@ -68,7 +78,7 @@ def _centres(score: DetectionScore) -> dict[str, Any]:
 
 def _sanity(seen: Observations, run: Run, kind: str) -> Observations:
     """Observations whose centres are the true ones, or those shifted."""
-    score = score_detection(run.world, run.views, seen.at_times(run.world.field.moving))
+    score = _scored(seen, run)
     xy = seen.xy_px.copy()
     xy[score.row] -= score.error_px
     if kind == BROKEN:
