@@ -86,7 +86,7 @@ def _end(way: str, after_s: float, rng: random.Random, words: list[str]) -> list
     if way != "quota":
         with contextlib.suppress(subprocess.TimeoutExpired):
             process.wait(after_s)
-        others = [pid for pid in session(process.pid) if pid != process.pid]
+        others = [pid for pid in session(process.pid) if pid != process.pid and is_worker(pid)]
         target = process.pid if way != "a worker" else rng.choice(others) if others else 0
         if target:
             with contextlib.suppress(ProcessLookupError):  # it may have finished
@@ -110,6 +110,13 @@ def session(leader: int) -> list[int]:
     said = subprocess.run(["ps", "-o", "pid=,stat=", "--sid", str(leader)], capture_output=True, text=True, check=False)
     rows = [line.split() for line in said.stdout.splitlines()]
     return [int(pid) for pid, state in rows if not state.startswith("Z")]
+
+
+def is_worker(pid: int) -> bool:
+    """Whether a process does work for another. What Python begins to keep count of semaphores does none."""
+    with contextlib.suppress(OSError):
+        return b"resource_tracker" not in Path(f"/proc/{pid}/cmdline").read_bytes()
+    return False
 
 
 def pairs(count: int, scene: Path, folder: Path) -> list[dict[str, Any]]:
