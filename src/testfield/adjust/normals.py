@@ -29,13 +29,15 @@ def target_normals(
 
     `poses` (n * k) camera-from-datum of the views, those of one target together, by the cameras `camera` (n * k) of
     `interiors`; `there` (n, k) which views there are,
-    two a target at least; `centre_mm` (n, 3) in the datum frame; `radius_mm` (n,); `moments_px2` (n, k, 2, 2).
+    two a target at least; `centre_mm` (n, 3) in the datum frame; `radius_mm` (n,); `moments_px2` (n, k, 2, 2), NaN
+    where nobody states a shape: a target without any is taken to face its cameras.
     """
     n, k = there.shape
     by_point = by_camera(_by_camera_point, interiors, camera, poses, np.repeat(centre_mm, k, axis=0))
     J = (by_point @ poses.R).reshape(n, k, 2, 3)
-    J = np.where(there[..., None, None], J, 0)
-    shape = np.where(there[..., None, None], 4 * moments_px2 / radius_mm[:, None, None, None] ** 2, 0)
+    told = there & np.isfinite(moments_px2).all(axis=(2, 3))
+    J = np.where(told[..., None, None], J, 0)
+    shape = np.where(told[..., None, None], 4 * moments_px2 / radius_mm[:, None, None, None] ** 2, 0)
     missing = J @ np.swapaxes(J, -1, -2) - shape
     rows, right = [], []
     for a, b in ((0, 0), (0, 1), (1, 1)):
@@ -53,6 +55,8 @@ def target_normals(
         outer[:, i, j] = outer[:, j, i] = solution[:, entry, 0]
     normal = np.linalg.eigh(outer)[1][:, :, -1]
     toward = poses.origin_mm.reshape(n, k, 3) - centre_mm[:, None, :]
+    towards_all = (toward * there[..., None]).sum(axis=1)
+    normal = np.where(told.any(axis=1)[:, None], normal, towards_all / np.linalg.norm(towards_all, axis=1)[:, None])
     facing = (np.einsum("nki,ni->nk", toward, normal) * there).sum(axis=1)
     return normal * np.where(facing > 0, 1.0, -1.0)[:, None]
 

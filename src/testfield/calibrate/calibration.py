@@ -48,7 +48,8 @@ class Calibration:
 
     `stations` camera-from-datum, `boards` datum-from-board poses with their names; `scale` of the boards against
     their sheets; `covariance` (P, P) of the unknowns named in `labels` (interior in the model's units, rotations in
-    rad as small turns after the pose's rotation, translations in mm, scale, loose points). `point_code` (k,) at
+    rad as small turns after the pose's rotation, translations in mm, scale, loose points): what is not named there
+    has no stated uncertainty, and nothing need be named. `point_code` (k,) at
     `point_mm` (k, 3) in the datum are the loose targets that were adjusted with the cameras (a control bar's ends):
     their pixels have had their say, and reconstruction takes them over. `sigma0` of the adjustment with
     `freedom`; `reprojection_rms_px` over `used` observations; `rejected` observations (station, board, x_px, y_px,
@@ -107,6 +108,22 @@ class Calibration:
         """(stations,) the camera of each image."""
         return self.image_camera if len(self.image_camera) else np.zeros(len(self.station_names), int)
 
+    def states(self, names: list[str]) -> bool:
+        """Whether a covariance of all the named unknowns is stated."""
+        return set(names) <= set(self.labels)
+
+    @property
+    def states_u(self) -> bool:
+        """Whether a covariance of everything that rays come from is stated: of all stations and cameras."""
+        stations = [name for s in range(len(self.station_names)) for name in self.station_unknowns(s)]
+        cameras = [{*self.interior_unknowns(k)} for k in range(len(self.interiors))]
+        return self.states(stations) and all(own & set(self.labels) for own in cameras)
+
+    @property
+    def u_px(self) -> float:
+        """Standard deviation of a pixel's coordinate as the residuals have it, in px."""
+        return float(self.reprojection_rms_px * np.sqrt(self.used / max(self.freedom, 1)))
+
     def interior_unknowns(self, camera: int) -> list[str]:
         """Labels that a camera's parameters have, in their order, whether they are among the unknowns or not."""
         prefix = f"camera:{self.camera_names[camera]}." if self.more_cameras else ""
@@ -144,6 +161,8 @@ class Calibration:
     def load(path: Path) -> "Calibration":
         """Read what `save` wrote. Raises `TestfieldError` where types, names, shapes or numbers are not such."""
         data = read_json(path)
+        if "labels" not in data and "covariance" not in data:  # whoever states no covariance names no unknowns
+            data |= {"labels": [], "covariance": []}
         arrays = {key: data.pop(key, []) if key in SEVERAL else data.pop(key) for key in ARRAYS}
         file = checked(CalibrationFile, data)
         if unknown := set(data) - {f.name for f in fields(Calibration)}:

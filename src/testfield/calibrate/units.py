@@ -54,7 +54,9 @@ def dots_fit_their_spacing(edges: Edges, rows: Observations, field: Field, notes
         here = edges.rows[e]
         point = rows.point[here]
         expected = edges.image[e].enlarged(sheet.marks.xy_mm[point]) * sheet.marks.diameter_mm[point]
-        ratios.setdefault(b, []).append(float(np.nanmedian(rows.diameter_px[here] / expected)))
+        sizes = (rows.diameter_px[here] / expected)[np.isfinite(rows.diameter_px[here])]
+        if len(sizes):
+            ratios.setdefault(b, []).append(float(np.nanmedian(sizes)))
     wrong = {b: float(np.median(r)) for b, r in ratios.items() if abs(np.log(np.median(r))) > np.log(DOTS_TOO_FAR)}
     for b, ratio in wrong.items():
         notes.append(

@@ -19,6 +19,7 @@ from testfield.chain.run import Run
 from testfield.detect.observations import Observations
 from testfield.errors import TestfieldError
 from testfield.measure.pipeline import measure
+from testfield.measure.weights import weighed_by
 from testfield.reconstruct.points import Points
 from testfield.registry import module_of
 from testfield.seeds import seed_of
@@ -40,13 +41,21 @@ class Trials:
 
     @cached_property
     def observations(self) -> Observations:
-        """The run's observations."""
-        return Observations.load(self.run.need("observations.parquet", "detect"))
+        """The run's observations, weighed as its points were."""
+        return weighed_by(Observations.load(self.run.need("observations.parquet", "detect")), self.calibration)
 
     @cached_property
     def calibration(self) -> Calibration:
-        """The run's calibration."""
-        return Calibration.load(self.run.need("calibration.json", "calibrate"))
+        """The run's calibration. Raises `TestfieldError` where it states no covariance: there is nothing to draw."""
+        path = self.run.need("calibration.json", "calibrate")
+        found = Calibration.load(path)
+        if not found.states_u:
+            raise TestfieldError(
+                f"'{found.method}' states no covariance, and trials are drawn from it",
+                str(path),
+                "choose a calibrator that states one",
+            )
+        return found
 
     @cached_property
     def points(self) -> Points:

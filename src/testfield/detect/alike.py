@@ -47,4 +47,5 @@ def unlike_neighbours(
     radius_px = np.sqrt(2 * np.trace(moments_px2, axis1=1, axis2=2))
     noise = np.sqrt(np.trace(cov_px2, axis1=1, axis2=2)) / radius_px
     with np.errstate(invalid="ignore"):
-        return np.linalg.norm(flat - usual, axis=(1, 2)) > np.maximum(UNLIKE, SIGMAS * noise) * size
+        # Of a centre whose uncertainty nobody states, the noise is NaN.
+        return np.linalg.norm(flat - usual, axis=(1, 2)) > np.fmax(UNLIKE, SIGMAS * noise) * size

@@ -11,23 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from testfield.detect.table_file import FLOATS, INTEGERS, MAY_BE_EMPTY, TEXTS, Table, open_table
 from testfield.errors import TestfieldError
-from testfield.store.sheets import notes_of
 from testfield.targets.field import Field
 
-FLOATS = (
-    "x_px",
-    "y_px",
-    "cov_xx_px2",
-    "cov_xy_px2",
-    "cov_yy_px2",
-    "moment_xx_px2",
-    "moment_xy_px2",
-    "moment_yy_px2",
-    "chi2",
-)
-INTEGERS = ("code", "board", "point")
-TEXTS = ("station", "status")
 MEASURED = "measured"
 BESIDE = 0.1
 """Part of the image's size by which an observation may lie outside it."""
@@ -43,24 +30,78 @@ def read_table(path: Path, field: Field | None, size_px: tuple[int, int] | None)
 
     `field` and `size_px` (width, height), where given, say what can be. Raises `TestfieldError` for what cannot.
     """
-    table = _opened(path)
-    column = {name: _column(table, name, path) for name in (*FLOATS, *INTEGERS, *TEXTS)}
-    notes = notes_of(table)
-    if notes.get("centre_of_disc") not in ("True", "False"):
-        raise TestfieldError(
-            f"the table's metadata says centre_of_disc = {notes.get('centre_of_disc')!r}",
-            str(path),
-            "write True where x_px, y_px are centres of dots' images, False where they are projections of centres",
-        )
+    table = open_table(path)
+    column = _columns(table, {})
+    discs = _discs(table)
     named = list(dict.fromkeys(column["station"].tolist()))
-    stations = notes["stations"].split("\n") if "stations" in notes else named
-    discs = notes["centre_of_disc"] == "True"
-    extra = {"stations": tuple(stations), "centre_of_disc": discs} | _imaging(notes, len(stations), path)
-    rows = _Rows(path, column, discs, field, size_px)
+    stations = table.notes["stations"].split("\n") if "stations" in table.notes else named
+    extra = {"stations": tuple(stations), "centre_of_disc": discs} | _imaging(table.notes, len(stations), path)
+    rows = _Rows(table, column, discs, field, size_px)
     complaint = next(_stations(rows, stations), None) or next(_meaning(rows), None)
     if complaint:
         raise complaint
     return column, extra
+
+
+def read_of_one_image(path: Path, station: str, field: Field, size_px: tuple[int, int]) -> dict[str, Any]:
+    """Columns by name of a table of one image, of which may be left out what can be told: the station, the status of
+    what is measured, the board of a sheet that has one, the number that a row does not carry.
+
+    Raises `TestfieldError` as `read_table` does, and where no column says which mark a row is of.
+    """
+    table = open_table(path)
+    if len(table.missing(("code", "point"))) == 2:
+        raise TestfieldError(
+            f"no column says which mark a row is of (there are {', '.join(table.columns.column_names[:12])})",
+            str(path),
+            "write a column code, or the columns board and point",
+        )
+    column = _columns(table, {"station": station, "status": MEASURED, "code": 0, "board": -1, "point": -1})
+    if table.missing(("board",)) and len(field.boards) == 1:
+        column["board"] = np.where(column["point"] >= 0, 0, -1)
+    rows = _Rows(table, column, True, field, size_px)
+    complaint = next(_stations(rows, [station]), None) or next(_meaning(rows), None)
+    if complaint:
+        raise complaint
+    return column
+
+
+def _columns(table: Table, told: dict[str, Any]) -> dict[str, Any]:
+    """All columns as arrays; those that are told are filled in where they are missing."""
+    missing = [name for name in table.missing((*FLOATS, *INTEGERS, *TEXTS)) if name not in (*MAY_BE_EMPTY, *told)]
+    if missing:
+        s = "s" if len(missing) > 1 else ""
+        raise TestfieldError(
+            f"the table has no column{s} {', '.join(missing)}",
+            str(table.path),
+            "write all columns of an observations file (FORMATS.md); covariances, moments and chi2 may be left out",
+        )
+    return {
+        name: np.full(len(table), told[name], object if name in TEXTS else int)
+        if name in told and table.missing((name,))
+        else table.column(name)
+        for name in (*FLOATS, *INTEGERS, *TEXTS)
+    }
+
+
+def _discs(table: Table) -> bool:
+    """Whether places of dots are centres of their images: a text file has no metadata, and means those."""
+    said = table.notes.get("centre_of_disc", "True" if table.lines else None)
+    if said not in ("True", "False"):
+        raise TestfieldError(
+            f"the table's metadata says centre_of_disc = {said!r}",
+            str(table.path),
+            "write True where x_px, y_px are centres of dots' images, False where they are projections of centres",
+        )
+    return said == "True"
+
+
+def positive_definite(matrices: np.ndarray) -> np.ndarray:
+    """(n,) which of the symmetric matrices (n, 2, 2) are finite and positive definite beyond rounding."""
+    with np.errstate(all="ignore"):
+        xx, xy, yy = matrices[:, 0, 0], matrices[:, 0, 1], matrices[:, 1, 1]
+        definite = (xx > 0) & (yy > 0) & (xx * yy - xy**2 > NOT_DEFINITE * xx * yy)
+    return np.asarray(definite & np.isfinite(matrices).all(axis=(1, 2)))
 
 
 def _imaging(notes: dict[str, str], images: int, path: Path) -> dict[str, tuple]:
@@ -82,15 +123,25 @@ def _imaging(notes: dict[str, str], images: int, path: Path) -> dict[str, tuple]
 
 @dataclass(frozen=True)
 class _Rows:
-    path: Path
+    table: Table
     column: dict[str, Any]
     discs: bool
     field: Field | None
     size_px: tuple[int, int] | None
 
     @property
+    def path(self) -> Path:
+        return self.table.path
+
+    @property
     def measured(self) -> np.ndarray:
         return np.asarray(self.column["status"] == MEASURED)
+
+    def states(self, stem: str) -> np.ndarray:
+        """(n,) which measured rows state anything of a matrix: three numbers that are NaN, or zero, state nothing."""
+        three = np.stack([self.column[f"{stem}_{part}_px2"] for part in ("xx", "xy", "yy")])
+        nothing = np.isnan(three).all(axis=0) | (three == 0).all(axis=0)
+        return np.asarray(self.measured & ~nothing)
 
     def wrong(self, bad: np.ndarray, column: str, why: str, do: str) -> Iterator[TestfieldError]:
         """The complaint about the first of the rows in a mask, if there is one."""
@@ -101,45 +152,7 @@ class _Rows:
         more = f" (and {int(bad.sum()) - 1} more rows)" if bad.sum() > 1 else ""
         value = self.column[column][k]
         said = f"{value:g}" if isinstance(value, float) else f"{value!r}"
-        yield TestfieldError(f"row {k} ({key}), {column} = {said}: {why}{more}", str(self.path), do)
-
-
-def _opened(path: Path) -> Any:
-    import pyarrow.parquet as pq
-
-    try:
-        return pq.read_table(path)
-    except FileNotFoundError:
-        raise TestfieldError("there is no such file", str(path), "run `testfield detect` first") from None
-    except (OSError, ValueError, KeyError) as error:  # Arrow's own errors are among these
-        reason = " ".join(f"{error}".split())[:120]
-        raise TestfieldError(f"not a readable observations file ({reason})", str(path), "make it again") from error
-
-
-def _column(table: Any, name: str, path: Path) -> np.ndarray:
-    import pyarrow as pa
-
-    if name not in table.column_names:
-        raise TestfieldError(f"the table has no column {name}", str(path), "write all columns of an observations file")
-    wanted = pa.string() if name in TEXTS else pa.int64() if name in INTEGERS else pa.float64()
-    column = table[name]
-    is_text = pa.types.is_string(column.type) or pa.types.is_large_string(column.type)
-    is_text |= pa.types.is_dictionary(column.type)
-    is_number = pa.types.is_integer(column.type) or pa.types.is_floating(column.type)
-    try:
-        if not (is_text if name in TEXTS else is_number):
-            raise pa.ArrowInvalid(f"it holds {column.type}")
-        column = column.cast(wanted)
-        values = column.to_numpy()
-    except (pa.ArrowInvalid, pa.ArrowNotImplementedError, UnicodeDecodeError) as error:
-        reason = " ".join(str(error).split())[:100]
-        raise TestfieldError(
-            f"column {name} is {column.type} and cannot be read as {wanted} ({reason})", str(path), "write it as that"
-        ) from error
-    if column.null_count:
-        k = column.is_null().to_pylist().index(True)
-        raise TestfieldError(f"row {k}, {name} is empty", str(path), "write a value, or leave the row out")
-    return np.asarray(values.astype(object) if name in TEXTS else values)
+        yield TestfieldError(f"{self.table.place(k)} ({key}), {column} = {said}: {why}{more}", str(self.path), do)
 
 
 def _stations(rows: _Rows, stations: list[str]) -> Iterator[TestfieldError]:
@@ -163,12 +176,13 @@ def _stations(rows: _Rows, stations: list[str]) -> Iterator[TestfieldError]:
 
 def _meaning(rows: _Rows) -> Iterator[TestfieldError]:
     """Complaints about measured rows, the plainest first."""
-    good, column = rows.measured, rows.column
     for name in FLOATS[:-1]:
-        if name.startswith("moment") and not rows.discs:
+        stem = name.partition("_")[0]
+        if stem == "moment" and not rows.discs:
             continue
+        asked = rows.states(stem) if name in MAY_BE_EMPTY else rows.measured
         yield from rows.wrong(
-            good & ~np.isfinite(column[name]), name, "not a finite number", "write a number, or another status"
+            asked & ~np.isfinite(rows.column[name]), name, "not a finite number", "write a number, or another status"
         )
     yield from _definite(rows, "cov", "the covariance is not positive definite", "state the covariance in px^2")
     if rows.discs:
@@ -185,11 +199,12 @@ def _meaning(rows: _Rows) -> Iterator[TestfieldError]:
 
 def _definite(rows: _Rows, stem: str, why: str, do: str) -> Iterator[TestfieldError]:
     xx, xy, yy = (rows.column[f"{stem}_{part}_px2"] for part in ("xx", "xy", "yy"))
+    stated = rows.states(stem)
     for values, part in ((xx, "xx"), (yy, "yy")):
-        yield from rows.wrong(rows.measured & (values <= 0), f"{stem}_{part}_px2", why, do)
+        yield from rows.wrong(stated & (values <= 0), f"{stem}_{part}_px2", why, do)
     with np.errstate(all="ignore"):
         beyond = xx * yy - xy**2 <= NOT_DEFINITE * xx * yy
-    yield from rows.wrong(rows.measured & beyond, f"{stem}_xy_px2", why, do)
+    yield from rows.wrong(stated & beyond, f"{stem}_xy_px2", why, do)
 
 
 def _numbers(rows: _Rows) -> Iterator[TestfieldError]:
@@ -246,10 +261,11 @@ def _units(rows: _Rows, width: int, height: int) -> Iterator[TestfieldError]:
             "write px from the centre of the top-left pixel, x to the right",
         )
     for name in ("cov_xx_px2", "cov_yy_px2"):
-        u = float(np.sqrt(np.median(rows.column[name][good])))
+        stated = rows.states("cov")
+        u = float(np.sqrt(np.median(rows.column[name][stated]))) if stated.any() else LEAST_U_PX
         if not LEAST_U_PX <= u <= MOST_U_PART * width:
             yield from rows.wrong(
-                good,
+                stated,
                 name,
                 f"half of the observations claim to be known better or worse than {u:.2g} px",
                 "state the covariance in px^2",

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from testfield.detect.observation_table import MEASURED, read_table
+from testfield.detect.observation_table import MEASURED, positive_definite, read_table
 from testfield.store.sheets import FORMAT
 from testfield.targets.field import Field, code_at
 
@@ -24,8 +24,9 @@ class Observations:
     """All observations of a run, as a structure of n rows.
 
     `stations` names; `station` (n,) index into it; `xy_px` (n, 2) centre of the dot's image, or a corner of a board
-    whose sheet lists corners; `cov_px2` (n, 2, 2) its covariance; `moments_px2` (n, 2, 2) second moments of the dot's
-    area, that is a quarter of its squared half-axes, or of the circle around a corner in which nothing else is printed;
+    whose sheet lists corners; `cov_px2` (n, 2, 2) its covariance, NaN where none is stated; `moments_px2` (n, 2, 2) second moments of the dot's
+    area, that is a quarter of its squared half-axes, or of the circle around a corner in which nothing else is printed,
+    NaN where nobody says;
     `code` (n,) the ring's number, 0 for a plain dot; `board`, `point` (n,) which mark of which board's sheet, -1 for
     none; `chi2` (n,) misfit of the dot's model per degree of freedom; `status` (n,) `measured`, or `read` or why not.
     `centre_of_disc` tells what the `xy_px` of a dot is: True, the centre of area of the dot's image; False, the
@@ -63,6 +64,16 @@ class Observations:
     def measured(self) -> "Observations":
         """Only the rows that were measured."""
         return self.take(self.status == MEASURED)
+
+    @property
+    def states_u(self) -> np.ndarray:
+        """(n,) of which rows a covariance is stated: one that is finite and positive definite."""
+        return positive_definite(self.cov_px2)
+
+    def weighed(self, u_px: float) -> "Observations":
+        """The same, the standard uncertainty `u_px` standing for those that nobody states."""
+        stated = self.states_u[:, None, None]
+        return self if stated.all() else replace(self, cov_px2=np.where(stated, self.cov_px2, u_px**2 * np.eye(2)))
 
     @property
     def diameter_px(self) -> np.ndarray:
@@ -132,8 +143,8 @@ class Observations:
     def load(path: Path, field: Field | None = None, size_px: tuple[int, int] | None = None) -> "Observations":
         """Read what `save`, or anybody else, wrote.
 
-        `field` and the image's `size_px` (width, height), where given, say what can be. Raises `TestfieldError` for
-        what cannot (`detect/observation_table.py`).
+        The file is Parquet, or CSV where its name ends so. `field` and the image's `size_px` (width, height), where
+        given, say what can be. Raises `TestfieldError` for what cannot (`detect/observation_table.py`).
         """
         column, notes = read_table(path, field, size_px)
         number = {name: k for k, name in enumerate(notes["stations"])}

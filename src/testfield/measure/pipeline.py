@@ -9,7 +9,10 @@ from testfield.camera.images import Frame
 from testfield.detect.detect import detect as detect_frame
 from testfield.detect.observations import Observations
 from testfield.errors import TestfieldError
+from testfield.measure.blame import blamed
 from testfield.measure.recipe import Recipe
+from testfield.measure.stated import taken_calibration, taken_observations, taken_points
+from testfield.measure.weights import calibrated, weighed_by
 from testfield.reconstruct.points import Points
 from testfield.registry import find
 from testfield.targets.field import Field
@@ -41,12 +44,18 @@ def detect_all(frames: Sequence[Frame], field: Field, recipe: Recipe) -> Observa
 
 
 def detect(frame: Frame, field: Field, recipe: Recipe) -> Observations:
-    """Observations of one frame."""
-    return detect_frame(frame, field, recipe.centroid.name, recipe.smallest_diameter_px, recipe.centroid.options)
+    """Observations of one frame; a covariance need not be stated."""
+    name = recipe.centroid.name
+    with blamed("centroids", name):
+        found = detect_frame(frame, field, name, recipe.smallest_diameter_px, recipe.centroid.options)
+        return taken_observations(found, name)
 
 
 def calibrate(observations: Observations, field: Field, recipe: Recipe) -> Calibration:
-    """Cameras, exterior orientations and boards. Raises `TestfieldError` where a calibrator cannot do the field."""
+    """Cameras, exterior orientations and boards, with as much of a covariance as the calibrator states.
+
+    Raises `TestfieldError` where a calibrator cannot do the field.
+    """
     observations, field = by_time(observations, field)
     name, options = recipe.calibrator.name, dict(recipe.calibrator.options)
     cameras = tuple(replace(camera, lens=recipe.lens or camera.lens) for camera in field.cameras)
@@ -63,7 +72,12 @@ def calibrate(observations: Observations, field: Field, recipe: Recipe) -> Calib
                 "choose one that takes several, as stitched",
             )
         options["cameras"] = cameras
-    return find("calibrators", name)(observations, field, *cameras[0].size_px, **options)
+    function = find("calibrators", name)
+    with blamed("calibrators", name):
+        return calibrated(
+            observations,
+            lambda seen: taken_calibration(function(seen, field, *cameras[0].size_px, **options), name),
+        )
 
 
 def by_time(observations: Observations, field: Field) -> tuple[Observations, Field]:
@@ -73,10 +87,12 @@ def by_time(observations: Observations, field: Field) -> tuple[Observations, Fie
 
 
 def reconstruct(observations: Observations, calibration: Calibration, field: Field, recipe: Recipe) -> Points:
-    """Targets that belong to no board, with their joint covariance."""
+    """Targets that belong to no board, with their joint covariance where the reconstructor states one."""
     method = recipe.reconstructor
-    observations, field = by_time(observations, field)
-    return find("reconstructors", method.name)(observations, calibration, field, **method.options)
+    observations, field = by_time(weighed_by(observations, calibration), field)
+    with blamed("reconstructors", method.name):
+        found = find("reconstructors", method.name)(observations, calibration, field, **method.options)
+        return taken_points(found, method.name)
 
 
 def takes_cameras(calibrator: str) -> bool:

@@ -63,7 +63,8 @@ class Solved:
 @dataclass(frozen=True)
 class Estimate:
     """n points `code` at `xyz_mm` (n, 3): `own` (n, 3, 3) is what their pixels' noise leaves of each, and
-    `by_calibration` (3n, P) how they follow the calibration; `rays`, `residual_rms_px`, `rejected` (n,)."""
+    `by_calibration` (3n, P) how they follow the calibration; `rays`, `residual_rms_px`, `rejected` (n,). `states_u`
+    whether the calibration states a covariance: without one, none can be stated of the points."""
 
     code: np.ndarray
     xyz_mm: np.ndarray
@@ -72,10 +73,14 @@ class Estimate:
     rays: np.ndarray
     residual_rms_px: np.ndarray
     rejected: np.ndarray
+    states_u: bool = True
 
     def points(self, name: str, covariance: np.ndarray) -> Points:
         """The points as they are handed on, of a calibration with this covariance (P, P)."""
         n = len(self.code)
+        if not self.states_u:
+            nothing = np.full((3 * n, 3 * n), np.nan)
+            return Points(name, self.code, self.xyz_mm, nothing, self.rays, self.residual_rms_px, self.rejected)
         joint = self.by_calibration @ covariance @ self.by_calibration.T
         blocks = joint.reshape(n, 3, n, 3)
         blocks[np.arange(n), :, np.arange(n)] += self.own
@@ -116,7 +121,8 @@ def estimate_of(solved: Solved, sights: Sights, calibration: Calibration) -> Est
     code = np.concatenate([met, taken.code])
     order = np.argsort(code)
     unit = np.zeros((3 * len(at), len(calibration.labels)))
-    unit[np.arange(len(unit)), calibration.point_unknowns(taken.code)] = 1
+    if calibration.states_u:
+        unit[np.arange(len(unit)), calibration.point_unknowns(taken.code)] = 1
     flat = np.concatenate([by_calibration, unit]).reshape(len(code), 3, len(calibration.labels))[order]
     return Estimate(
         code=code[order],
@@ -126,6 +132,7 @@ def estimate_of(solved: Solved, sights: Sights, calibration: Calibration) -> Est
         rays=np.concatenate([solved.sights.rays, taken.rays])[order],
         residual_rms_px=np.concatenate([_rms(solved.sights, solved.rays), _rms(taken, rays)])[order],
         rejected=np.concatenate([solved.rejected, np.zeros(len(at), int)])[order],
+        states_u=calibration.states_u,
     )
 
 

@@ -13,7 +13,8 @@ from testfield.store.sheets import FORMAT, LARGEST_MM, covariance, read_columns,
 class Points:
     """n targets in the datum frame (that of the first board).
 
-    `code` (n,); `xyz_mm` (n, 3); `cov_xyz_mm2` (3n, 3n) over all points together, since they share cameras;
+    `code` (n,); `xyz_mm` (n, 3); `cov_xyz_mm2` (3n, 3n) over all points together, since they share cameras, NaN where
+    none is stated;
     `rays` (n,) number of stations; `residual_rms_px` (n,); `rejected` (n,) rays turned down.
     """
 
@@ -28,6 +29,11 @@ class Points:
     def __len__(self) -> int:
         return len(self.code)
 
+    @property
+    def states_u(self) -> bool:
+        """Whether a covariance is stated: one that is finite, with a variance of every coordinate."""
+        return bool(np.isfinite(self.cov_xyz_mm2).all() and (np.diag(self.cov_xyz_mm2) > 0).all())
+
     def rows(self, codes: list[int]) -> np.ndarray:
         """Places of codes among the points."""
         place = {int(code): k for k, code in enumerate(self.code)}
@@ -39,7 +45,8 @@ class Points:
         return self.cov_xyz_mm2[np.ix_(index, index)]
 
     def distance(self, a: int, b: int) -> tuple[float, float]:
-        """Distance in mm of the points in rows a and b, and its standard uncertainty (METHODS section 1.6)."""
+        """Distance in mm of the points in rows a and b, and its standard uncertainty (METHODS section 1.6), NaN where
+        none is stated."""
         d = self.xyz_mm[a] - self.xyz_mm[b]
         length = float(np.linalg.norm(d))
         direction = np.concatenate([d, -d]) / length
@@ -70,9 +77,6 @@ class Points:
         column, notes = read_columns(path, COLUMNS)
         n = len(column["code"])
         unique(column["code"].tolist(), "code")
-        if any(len(row) != 9 * n for row in column["cov_rows_mm2"]):
-            raise ValueError("column 'cov_rows_mm2' does not hold three rows of the covariance")
-        rows = np.concatenate([np.zeros(0), *column["cov_rows_mm2"]]).reshape(3 * n, 3 * n)
         xyz = np.column_stack([column[f"{axis}_mm"] for axis in "xyz"])
         if np.abs(xyz).max(initial=0) > LARGEST_MM:
             raise ValueError(f"coordinates are beyond {LARGEST_MM:g} mm")
@@ -80,7 +84,7 @@ class Points:
             method=notes["method"],
             code=column["code"],
             xyz_mm=xyz,
-            cov_xyz_mm2=covariance(rows, "cov_rows_mm2", 3 * n),
+            cov_xyz_mm2=_covariance(column.get("cov_rows_mm2"), n),
             rays=column["rays"],
             residual_rms_px=column["residual_rms_px"],
             rejected=column["rejected"],
@@ -95,5 +99,17 @@ COLUMNS = {
     "rays": "i",
     "residual_rms_px": "n",
     "rejected": "i",
-    "cov_rows_mm2": "O",
+    "cov_rows_mm2": "?",
 }
+
+
+def _covariance(rows: list[np.ndarray] | None, n: int) -> np.ndarray:
+    """(3n, 3n) of the points' rows; NaN where they say nothing, or nothing but NaN or zero."""
+    if rows is None:
+        return np.full((3 * n, 3 * n), np.nan)
+    if any(len(row) != 9 * n for row in rows):
+        raise ValueError("column 'cov_rows_mm2' does not hold three rows of the covariance")
+    found = np.concatenate([np.zeros(0), *rows]).reshape(3 * n, 3 * n)
+    if np.isnan(found).all() or not found.any():
+        return np.full((3 * n, 3 * n), np.nan)
+    return covariance(found, "cov_rows_mm2", 3 * n)

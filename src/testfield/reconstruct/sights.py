@@ -143,10 +143,12 @@ def _rays_by(camera: int, sights: Sights, calibration: Calibration, xyz_mm: np.n
     names = [name for name in own if name in calibration.labels]
     chosen = [own.index(name) for name in names]
     by_calibration[..., calibration.index(names)] = by_interior.reshape(n, k, 2, len(interior.names))[..., chosen]
-    unknowns = np.array([calibration.index(calibration.station_unknowns(s)) for s in range(len(poses))])
-    six = np.concatenate([-by_place @ cross_matrix(turned), by_place], axis=-1)
-    index = unknowns[sights.station][:, :, None, :]
-    np.put_along_axis(by_calibration, np.broadcast_to(index, (n, k, 2, 6)), six, axis=-1)
+    stated = [calibration.station_unknowns(s) for s in range(len(poses))]
+    if calibration.states([name for names in stated for name in names]):
+        unknowns = np.array([calibration.index(names) for names in stated])
+        six = np.concatenate([-by_place @ cross_matrix(turned), by_place], axis=-1)
+        index = unknowns[sights.station][:, :, None, :]
+        np.put_along_axis(by_calibration, np.broadcast_to(index, (n, k, 2, 6)), six, axis=-1)
 
     depth = at_camera[..., 2] if len(calibration.interiors) == 1 else np.where(sights.there, at_camera[..., 2], 0)
     to_line = depth[..., None, None] * np.linalg.inv(np.where(good[..., None, None], slope, np.eye(2)))

@@ -14,6 +14,8 @@ from testfield.score.detection import DetectionScore
 from testfield.score.points import PointScore
 
 PICTURE_WIDTH = 1240
+UNTOLD_PX2 = 4.0
+"""Second moments with which a target is drawn whose size nobody states."""
 
 
 def detections(frame: Frame, observations: Observations, width_px: int = PICTURE_WIDTH) -> bytes:
@@ -31,7 +33,8 @@ def detections(frame: Frame, observations: Observations, width_px: int = PICTURE
             if observations.status[row] == "partly hidden or disturbed":
                 cv2.drawMarker(colour, (round(x), round(y)), (60, 60, 230), cv2.MARKER_TILTED_CROSS, 16, 2, cv2.LINE_AA)
             continue
-        values, vectors = np.linalg.eigh(observations.moments_px2[row])
+        moments = observations.moments_px2[row]
+        values, vectors = np.linalg.eigh(moments if np.isfinite(moments).all() else UNTOLD_PX2 * np.eye(2))
         axes = 2 * scale * np.sqrt(values[::-1])
         angle = np.degrees(np.arctan2(vectors[1, 1], vectors[0, 1]))
         code = int(observations.code[row])
@@ -93,16 +96,18 @@ def field_plan(world: World, calibration: Calibration, score: PointScore) -> byt
     R, t = datum.R[0], datum.t_mm[0]
     true, error = score.true_mm @ R.T + t, score.error_mm @ R.T
     span = np.ptp(true, axis=0).max() if len(true) else 1000.0
-    size = np.sqrt((score.u_mm**2).mean()) if len(true) else 1.0
+    stated = np.isfinite(score.u_mm).all()
+    size = np.sqrt(((score.u_mm if stated else error) ** 2).mean()) if len(true) else 1.0
     factor = _round_up(0.02 * span / (2.45 * size))
     # Both parts are wide, so they stand one above the other on the same axis.
     with figure(6.1, 7.4, rows=2, sharex=True) as (drawing, both):
         for axes, plane, title in zip(both, (ELEVATION, PLAN), ("elevation", "plan"), strict=True):
             draw_field(axes, world, plane, stations=False)
             for k in range(len(true)):
-                covariance = R @ score.covariance(k) @ R.T
-                ring = _ellipse(covariance[np.ix_(plane, plane)], 2.4477 * factor) + true[k][list(plane)]
-                axes.plot(*(ring / 1000).T, color=ACCENT, lw=0.9, zorder=7)
+                if stated:
+                    covariance = R @ score.covariance(k) @ R.T
+                    ring = _ellipse(covariance[np.ix_(plane, plane)], 2.4477 * factor) + true[k][list(plane)]
+                    axes.plot(*(ring / 1000).T, color=ACCENT, lw=0.9, zorder=7)
                 axes.plot(
                     *((true[k] + np.outer([0, factor], error[k]))[:, plane] / 1000).T,
                     color=WARM,
@@ -112,7 +117,8 @@ def field_plan(world: World, calibration: Calibration, score: PointScore) -> byt
             low, high = (f(world.mark_world_mm[:, plane] / 1000, axis=0) for f in (np.min, np.max))
             axes.set_xlim(low[0] - 0.35, high[0] + 0.35)
             axes.set_ylim(low[1] - 0.35, high[1] + 0.35)
-            axes.set_title(f"{title}: ellipses (95 %) and errors {factor:g} times enlarged", loc="left")
+            what = "ellipses (95 %) and errors" if stated else "errors, no uncertainty stated,"
+            axes.set_title(f"{title}: {what} {factor:g} times enlarged", loc="left")
         return svg_of(drawing)
 
 
@@ -125,7 +131,7 @@ def centre_errors(score: DetectionScore) -> bytes:
         left.locator_params(axis="x", nbins=5)
         left.set_xlabel("centre error, px (x and y)")
         left.set_ylabel("number")
-        size = np.sqrt(score.nees)
+        size = np.sqrt(score.nees[np.isfinite(score.nees)])
         right.hist(size.clip(0, 5), bins=50, range=(0, 5), density=True, color=ACCENT, alpha=0.85, label="observed")
         r = np.linspace(0, 5, 200)
         right.plot(r, r * np.exp(-r * r / 2), color=WARM, lw=1.5, label="claimed")

@@ -58,7 +58,7 @@ def write_report(
         stations=[other for other in observations.stations if other == name or other in others],
         plan=_inline(figures.field_plan(world, calibration, points)) if len(points.code) else None,
         centres=_inline(figures.centre_errors(found)),
-        claimed=_inline(figures.claimed_against_actual(points)) if len(points.code) else None,
+        claimed=_inline(figures.claimed_against_actual(points)) if np.isfinite(points.u_mm).any() else None,
         cameras=_camera_parts(cameras or {"": world}, calibration, card["calibration"]),
         check=_check_rows(points),
         graph=_graph_rows(calibration),

@@ -29,8 +29,14 @@ def acceptance(
 ) -> tuple[dict[str, Any], MeasuredLengths]:
     """All figures of the page under stable keys, and the lengths themselves; `limit` in the place of the scene's.
 
-    Raises `TestfieldError` where the run measured no test length at all.
+    Raises `TestfieldError` where the run measured no test length at all, or states no uncertainty of its points.
     """
+    if len(points) and not points.states_u:
+        raise TestfieldError(
+            "no covariance of the points is stated, and an acceptance test compares errors with it",
+            "points.parquet",
+            "let the calibrator and the reconstructor state theirs, or compare lengths in scorecard.json",
+        )
     asked, rule = test_lengths(world)
     if not asked:
         raise TestfieldError(

@@ -137,8 +137,10 @@ def score_boards(world: World, calibration: Calibration) -> dict:
         shifts.append((moved**2).sum(axis=1).mean())
         turn = rotation_vector((found_R @ true.R[b].T)[None])[0]
         error = np.concatenate([turn, found_t - true.t_mm[b]])
-        index = calibration.index([f"board:{name}.{axis}" for axis in ("rx", "ry", "rz", "tx", "ty", "tz")])
-        squares.append(error @ np.linalg.solve(calibration.covariance[np.ix_(index, index)], error))
+        unknowns = [f"board:{name}.{axis}" for axis in ("rx", "ry", "rz", "tx", "ty", "tz")]
+        if calibration.states(unknowns):
+            index = calibration.index(unknowns)
+            squares.append(error @ np.linalg.solve(calibration.covariance[np.ix_(index, index)], error))
         turns.append(np.linalg.norm(turn))
         moves.append(np.linalg.norm(error[3:]))
     return {

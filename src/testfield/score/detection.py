@@ -18,7 +18,8 @@ EXPECTED_PX = 8.0
 @dataclass(frozen=True)
 class DetectionScore:
     """`station`, `mark` (k,) of each rightly identified observation; `row` (k,) its place among the observations;
-    `error_px` (k, 2) measured minus true; `nees` (k,) squared error in units of the claimed covariance.
+    `error_px` (k, 2) measured minus true; `nees` (k,) squared error in units of the claimed covariance, NaN where none
+    is stated.
     `expected`, `found`, `dirty` (stations, marks) booleans, the last of targets that would be expected but for dirt;
     `missed` why, counted; `wrong_code` and `false` row indices."""
 
@@ -39,6 +40,7 @@ class DetectionScore:
         """The figures under their stable keys."""
         expected, found = int(self.expected.sum()), int((self.expected & self.found).sum())
         bias = self.error_px.mean(axis=0) if len(self.error_px) else np.full(2, np.nan)
+        stated = self.nees[np.isfinite(self.nees)]
         return {
             "expected": expected,
             "found": found,
@@ -56,7 +58,7 @@ class DetectionScore:
             "centre_bias_x_px": float(bias[0]),
             "centre_bias_y_px": float(bias[1]),
             "centre_worst_px": float(np.abs(self.error_px).max(initial=0)),
-            "centre_anees": float(self.nees.mean() / 2),
+            "centre_anees": float(stated.mean() / 2) if len(stated) else float("nan"),
         }
 
 
@@ -80,7 +82,8 @@ def score_detection(world: World, views: Views, observations: Observations) -> D
 
     rows, match, wrong_code, wrong_dot, false = [], [], [], [], []
     measured = observations.status == MEASURED
-    reach = np.maximum(0.5 * observations.diameter_px, 2.0)
+    reach = np.fmax(0.5 * observations.diameter_px, 2.0)
+    told = np.isfinite(observations.diameter_px)
     # A blob near a mark that nobody can see there is a false one.
     in_sight = views.visible[..., None] > 0
     trees = [cKDTree(np.where(np.isfinite(px) & seen, px, -1e6)) for px, seen in zip(true_px, in_sight, strict=True)]
@@ -88,7 +91,8 @@ def score_detection(world: World, views: Views, observations: Observations) -> D
         s, xy = station[row], observations.xy_px[row]
         code, board, point = (int(getattr(observations, name)[row]) for name in ("code", "board", "point"))
         claimed = by_code.get(code) if code > 0 else by_point.get((board, point)) if board >= 0 else None
-        if claimed is not None and in_sight[s, claimed, 0] and np.linalg.norm(xy - true_px[s, claimed]) <= reach[row]:
+        near = reach[row] if told[row] or claimed is None else max(0.5 * views.diameter_px[s, claimed], 2.0)
+        if claimed is not None and in_sight[s, claimed, 0] and np.linalg.norm(xy - true_px[s, claimed]) <= near:
             rows.append(row)
             match.append(claimed)
             found[s, claimed] = True
@@ -101,17 +105,15 @@ def score_detection(world: World, views: Views, observations: Observations) -> D
 
     index, mark = np.array(rows, int), np.array(match, int)
     error = observations.xy_px[index] - true_px[station[index], mark]
-    white = (
-        np.linalg.solve(np.linalg.cholesky(observations.cov_px2[index]), error[..., None])[..., 0]
-        if len(index)
-        else error
-    )
+    stated = observations.states_u[index]
+    root = np.linalg.cholesky(np.where(stated[:, None, None], observations.cov_px2[index], np.eye(2)))
+    white = np.linalg.solve(root, error[..., None])[..., 0] if len(index) else error
     return DetectionScore(
         station=station[index],
         mark=mark,
         row=index,
         error_px=error,
-        nees=(white**2).sum(axis=1),
+        nees=np.where(stated, (white**2).sum(axis=1), np.nan),
         expected=expected,
         found=found,
         missed=_why_missed(expected & ~found, true_px, views, observations, station),

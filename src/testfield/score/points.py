@@ -19,7 +19,7 @@ class PointScore:
 
     `code` (n,), true positions `true_mm`, errors `error_mm` in the datum frame and `fitted_mm` after the rigid fit, all
     (n, 3); `cov_mm2` (3n, 3n) claimed; `anees`, `anees_fitted` whole-network NEES per degree of freedom, without and
-    with the fit; `expected` how many check targets the field has. In a free network (`free`) there is no true datum to
+    with the fit, NaN where no covariance is stated; `expected` how many check targets the field has. In a free network (`free`) there is no true datum to
     compare in: errors, covariance and figures are those after the fit, and `anees` is NaN.
     """
 
@@ -81,7 +81,8 @@ def score_points(world: World, calibration: Calibration, points: Points) -> Poin
     error = points.xyz_mm[rows] - true
     covariance = points.covariance_of(rows)
     fitted, anees, anees_fitted = error, float("nan"), float("nan")
-    if len(rows) and not free:
+    stated = points.states_u
+    if len(rows) and not free and stated:
         anees = float(error.ravel() @ np.linalg.solve(covariance, error.ravel()) / error.size)
     if len(rows) >= 3:
         R, t = rigid_fit(points.xyz_mm[rows], true)
@@ -91,9 +92,9 @@ def score_points(world: World, calibration: Calibration, points: Points) -> Poin
         covariance_there = turn @ covariance @ turn.T
         reduced = aligned_covariance(covariance_there, true)
         freedom = error.size - rigid_basis(true).shape[1]
-        anees_fitted = float(
-            fitted.ravel() @ np.linalg.pinv(reduced, rcond=1e-10, hermitian=True) @ fitted.ravel() / freedom
-        )
+        if stated:
+            inverse = np.linalg.pinv(reduced, rcond=1e-10, hermitian=True)
+            anees_fitted = float(fitted.ravel() @ inverse @ fitted.ravel() / freedom)
         if free:
             error, covariance = fitted, reduced
     return PointScore(

@@ -46,8 +46,10 @@ def score_rigs(rigs: tuple[RigPart, ...], calibration: Calibration) -> list[dict
         pose = true[one["rig"], one["camera"]]
         R = rotation(np.array(one["turn_rad"]))
         error = np.concatenate([rotation_vector((R @ pose.R[0].T)[None])[0], np.array(one["t_mm"]) - pose.t_mm[0]])
-        index = calibration.index([f"member:{one['rig']}/{one['camera']}.{axis}" for axis in AXES])
-        cov = calibration.covariance[np.ix_(index, index)]
+        unknowns = [f"member:{one['rig']}/{one['camera']}.{axis}" for axis in AXES]
+        stated = calibration.states(unknowns)
+        index = calibration.index(unknowns) if stated else np.zeros(0, int)
+        cov = calibration.covariance[np.ix_(index, index)] if stated else np.full((6, 6), np.nan)
         u = np.sqrt(np.diag(cov))
         found.append(
             {

@@ -102,7 +102,8 @@ def notes_of(table: Any) -> dict[str, str]:
 
 def read_columns(path: Path, kinds: Mapping[str, str]) -> tuple[dict[str, Any], dict[str, str]]:
     """Columns of a Parquet file by name, and its notes. `kinds` of NumPy: "f" finite numbers, "n" numbers that may be
-    NaN, "i" whole numbers, "O" lists of numbers. There may be more columns, but no nulls in these."""
+    NaN, "i" whole numbers, "O" lists of numbers, "?" such lists, in a column that may be missing. There may be more
+    columns, but no nulls in these."""
     import pyarrow.parquet as pq
 
     table = pq.read_table(path, columns=None)
@@ -112,13 +113,15 @@ def read_columns(path: Path, kinds: Mapping[str, str]) -> tuple[dict[str, Any], 
         raise ValueError(f"format {version!r} is not known, only {FORMAT}")
     columns: dict[str, Any] = {}
     for name, kind in kinds.items():
+        if kind == "?" and name not in table.column_names:
+            continue
         if table.column_names.count(name) != 1:
             raise ValueError(f"there is no column '{name}', or more than one")
         column = table[name]
         if column.null_count:
             raise ValueError(f"column '{name}' has nulls")
         values = column.to_numpy(zero_copy_only=False)
-        if kind == "O":
+        if kind in "O?":
             columns[name] = [np.asarray(row, float) for row in values]
         elif kind == "n":
             columns[name] = values.astype(float)

@@ -1,0 +1,174 @@
+"""A covariance is optional: an algorithm that states none is scored, and one that states too little is scored badly."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import SCENES
+
+from testfield.calibrate.calibration import Calibration
+from testfield.detect.observations import Observations
+from testfield.errors import TestfieldError
+from testfield.measure.pipeline import Measured, measure
+from testfield.measure.recipe import Algorithm, Recipe
+from testfield.reconstruct.gls import gls
+from testfield.reconstruct.points import Points
+from testfield.registry import _registered, register
+from testfield.scene.build import build_world
+from testfield.scene.load import load_scene
+from testfield.scene.truth import Views, see
+from testfield.scene.world import World
+from testfield.score.scorecard import plain, score_measured
+from testfield.simulate.observations import draw_observations
+
+NOTHING: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+    "zeros": np.zeros_like,
+    "NaN": lambda covariance: np.full_like(covariance, np.nan),
+}
+
+
+@pytest.fixture(scope="module")
+def drawn() -> tuple[World, Views, Observations]:
+    scene = load_scene(SCENES / "quick.toml")
+    world = build_world(scene)
+    views = see(world)
+    return world, views, draw_observations(scene, world, views, 5)
+
+
+@pytest.fixture(scope="module")
+def whole(drawn: tuple[World, Views, Observations]) -> Measured:
+    """What is measured where everything is stated."""
+    return measure(drawn[2], drawn[0].field, Recipe())
+
+
+def scored(drawn: tuple[World, Views, Observations], seen: Observations, recipe: Recipe) -> tuple[Measured, dict]:
+    world, views, _ = drawn
+    found = measure(seen, world.field, recipe)
+    return found, plain(score_measured(world, views, seen, found.calibration, found.points))
+
+
+def test_observations_without_a_covariance_calibrate_as_well_and_have_no_nees(drawn: tuple, whole: Measured) -> None:
+    world, views, seen = drawn
+    stated = plain(score_measured(world, views, seen, whole.calibration, whole.points))
+    nothing = np.zeros_like(seen.cov_px2)
+    nothing[::2] = np.nan
+    found, card = scored(drawn, replace(seen, cov_px2=nothing), Recipe())
+    assert card["detection"]["centre_anees"] is None
+    assert card["detection"]["centre_rms_px"] == stated["detection"]["centre_rms_px"]
+    assert card["points"]["rmse_mm"] < 2 * stated["points"]["rmse_mm"]
+    # The calibrator states a covariance from residuals, and that is judged.
+    assert 0.2 < card["points"]["anees"] < 5 and 0.8 < found.calibration.sigma0 < 1.25
+
+
+def test_of_observations_that_state_one_in_part_the_stated_are_judged(drawn: tuple) -> None:
+    cov = drawn[2].cov_px2.copy()
+    cov[::2] = 0
+    _, card = scored(drawn, replace(drawn[2], cov_px2=cov), Recipe())
+    assert 0.5 < card["detection"]["centre_anees"] < 2
+
+
+def test_a_detector_that_is_too_sure_gets_a_bad_score(drawn: tuple) -> None:
+    rng = np.random.default_rng(2)
+    seen = replace(
+        drawn[2],
+        xy_px=drawn[2].xy_px + rng.normal(0, 0.17, drawn[2].xy_px.shape),
+        cov_px2=np.broadcast_to(0.01**2 * np.eye(2), drawn[2].cov_px2.shape).copy(),
+    )
+    _, card = scored(drawn, seen, Recipe())
+    assert card["detection"]["centre_anees"] == pytest.approx(17**2, rel=0.15)
+    assert card["points"]["anees"] > 20
+
+
+def silent_calibrator(known: Calibration, change: Callable[[Calibration], Calibration]) -> Recipe:
+    @register("calibrators", "silent")
+    def silent(observations: Observations, field: object, width_px: int, height_px: int, **options: object) -> object:
+        return change(known)
+
+    return Recipe(calibrator=Algorithm("silent"))
+
+
+@pytest.fixture(autouse=True)
+def forget() -> object:
+    yield
+    for kind in ("calibrators", "reconstructors"):
+        _registered[kind].pop("silent", None)
+
+
+SILENT: dict[str, Callable[[Calibration], Calibration]] = {
+    "zeros": lambda c: replace(c, covariance=np.zeros_like(c.covariance)),
+    "NaN": lambda c: replace(c, covariance=np.full_like(c.covariance, np.nan)),
+    "no labels": lambda c: replace(c, covariance=np.zeros((0, 0)), labels=()),
+    "interior alone": lambda c: replace(c, covariance=c.covariance[:4, :4], labels=c.labels[:4]),
+}
+
+
+@pytest.mark.parametrize("reconstructor", ["gls", "ml", "bundle", "midpoint", "opencv"])
+@pytest.mark.parametrize("name", SILENT)
+def test_a_calibrator_without_a_covariance_is_scored(
+    name: str, reconstructor: str, drawn: tuple, whole: Measured
+) -> None:
+    recipe = replace(silent_calibrator(whole.calibration, SILENT[name]), reconstructor=Algorithm(reconstructor))
+    found, card = scored(drawn, drawn[2], recipe)
+    assert card["points"]["anees"] is None and card["points"]["rmse_mm"] < 0.5
+    assert (card["calibration"]["interior_anees"] is None) == (name != "interior alone")
+    assert card["calibration"]["corner_error_px"] < 0.1
+    assert not found.points.states_u
+
+
+@pytest.mark.parametrize("name", NOTHING)
+def test_points_without_a_covariance_are_scored_kept_and_read(
+    name: str, drawn: tuple, whole: Measured, tmp_path: Path
+) -> None:
+    @register("reconstructors", "silent")
+    def silent(observations: Observations, calibration: Calibration, field: object) -> Points:
+        found = gls(observations, calibration, field)  # type: ignore[arg-type]
+        return replace(found, cov_xyz_mm2=NOTHING[name](found.cov_xyz_mm2))
+
+    recipe = replace(silent_calibrator(whole.calibration, lambda c: c), reconstructor=Algorithm("silent"))
+    found, card = scored(drawn, drawn[2], recipe)
+    assert card["points"]["anees"] is None and card["points"]["mean_u_mm"] is None
+    assert card["points"]["rmse_mm"] < 0.5
+    found.points.save(tmp_path / "points.parquet")
+    again = Points.load(tmp_path / "points.parquet")
+    assert np.array_equal(again.xyz_mm, found.points.xyz_mm) and not again.states_u
+
+
+def test_files_may_leave_covariances_out(drawn: tuple, whole: Measured, tmp_path: Path) -> None:
+    import json
+
+    import pyarrow.parquet as pq
+
+    world, _, seen = drawn
+    seen.save(tmp_path / "o.parquet")
+    table = pq.read_table(tmp_path / "o.parquet")
+    left = [name for name in table.column_names if not name.startswith(("cov_", "moment_", "chi2"))]
+    pq.write_table(table.select(left), tmp_path / "o.parquet")
+    again = Observations.load(tmp_path / "o.parquet", world.field)
+    assert not again.states_u.any() and np.array_equal(again.xy_px, seen.xy_px)
+    whole.calibration.save(tmp_path / "c.json")
+    told = json.loads((tmp_path / "c.json").read_text())
+    del told["labels"], told["covariance"]
+    (tmp_path / "c.json").write_text(json.dumps(told))
+    assert Calibration.load(tmp_path / "c.json").labels == ()
+
+
+def test_observations_are_taken_as_csv_and_a_bad_line_is_named(drawn: tuple, tmp_path: Path) -> None:
+    import pandas as pd
+
+    world, _, seen = drawn
+    seen.save(tmp_path / "o.parquet")
+    table = pd.read_parquet(tmp_path / "o.parquet")
+    table.to_csv(tmp_path / "o.csv", index=False)
+    again = Observations.load(tmp_path / "o.csv", world.field)
+    assert np.allclose(again.xy_px, seen.xy_px) and np.allclose(again.cov_px2, seen.cov_px2)
+    table = table.astype({"y_px": object})
+    for value, said in (("a few", "line 9, y_px = 'a few'"), ("", "line 9, y_px is empty")):
+        table.loc[7, "y_px"] = value
+        table.to_csv(tmp_path / "o.csv", index=False)
+        with pytest.raises(TestfieldError, match=said):
+            Observations.load(tmp_path / "o.csv", world.field)
+    table.drop(columns=["code", "point"]).to_csv(tmp_path / "o.csv", index=False)
+    with pytest.raises(TestfieldError, match="no columns code, point"):
+        Observations.load(tmp_path / "o.csv", world.field)
