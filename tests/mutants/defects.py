@@ -109,9 +109,7 @@ SCORE = [
         "self.error_px.max(initial=0)",
         CARD,
     ),
-    Defect(
-        "NEES of a centre not per coordinate", "DetectionScore.card", "self.nees.mean() / 2", "self.nees.mean()", CARD
-    ),
+    Defect("NEES of a centre not per coordinate", "DetectionScore.card", "stated.mean() / 2", "stated.mean()", CARD),
     Defect("wrong codes are never counted", "score_detection", "wrong_code.append(row)", "None", CARD),
     Defect("dots named wrongly are never counted", "score_detection", "wrong_dot.append(row)", "None", CARD),
     Defect(
@@ -138,8 +136,8 @@ SCORE = [
     Defect(
         "a dot reaches twice as far",
         "score_detection",
-        "np.maximum(0.5 * __d__, 2.0)",
-        "np.maximum(1.0 * __d__, 2.0)",
+        "np.fmax(0.5 * __d__, 2.0)",
+        "np.fmax(1.0 * __d__, 2.0)",
         REACH,
     ),
     Defect(

@@ -24,11 +24,11 @@ class Observations:
     """All observations of a run, as a structure of n rows.
 
     `stations` names; `station` (n,) index into it; `xy_px` (n, 2) centre of the dot's image, or a corner of a board
-    whose sheet lists corners; `cov_px2` (n, 2, 2) its covariance, NaN where none is stated; `moments_px2` (n, 2, 2) second moments of the dot's
-    area, that is a quarter of its squared half-axes, or of the circle around a corner in which nothing else is printed,
-    NaN where nobody says;
-    `code` (n,) the ring's number, 0 for a plain dot; `board`, `point` (n,) which mark of which board's sheet, -1 for
-    none; `chi2` (n,) misfit of the dot's model per degree of freedom; `status` (n,) `measured`, or `read` or why not.
+    whose sheet lists corners; `cov_px2` (n, 2, 2) its covariance, NaN where none is stated; `moments_px2` (n, 2, 2)
+    second moments of the dot's area, that is a quarter of its squared half-axes, or of the circle around a corner in
+    which nothing else is printed, NaN where nobody says; `code` (n,) the ring's number, 0 for a plain dot; `board`,
+    `point` (n,) which mark of which board's sheet, -1 for none; `chi2` (n,) misfit of the dot's model per degree of
+    freedom; `status` (n,) `measured`, or `read` or why not.
     `centre_of_disc` tells what the `xy_px` of a dot is: True, the centre of area of the dot's image; False, the
     projection of the mark's centre, as synthetic points give it. A corner is always the projection of the corner.
 

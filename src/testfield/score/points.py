@@ -19,8 +19,9 @@ class PointScore:
 
     `code` (n,), true positions `true_mm`, errors `error_mm` in the datum frame and `fitted_mm` after the rigid fit, all
     (n, 3); `cov_mm2` (3n, 3n) claimed; `anees`, `anees_fitted` whole-network NEES per degree of freedom, without and
-    with the fit, NaN where no covariance is stated; `expected` how many check targets the field has. In a free network (`free`) there is no true datum to
-    compare in: errors, covariance and figures are those after the fit, and `anees` is NaN.
+    with the fit, NaN where no covariance is stated; `expected` how many check targets the field has. In a free network
+    (`free`) there is no true datum to compare in: errors, covariance and figures are those after the fit, and `anees`
+    is NaN.
     """
 
     code: np.ndarray
