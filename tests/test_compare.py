@@ -10,17 +10,21 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from testfield.evaluate.compare import CENTRE, COMMON, bias_and_spread, cases_of, conclude, of_common
+from testfield.evaluate.bias import bias_and_spread, centre_errors
+from testfield.evaluate.compare import conclude, of_common
 from testfield.evaluate.compared import BROKEN, SHIFT_PX, TRUTH
-from testfield.evaluate.execute import FAILURE
+from testfield.evaluate.comparison import Comparison
+from testfield.evaluate.comparison_cases import cases_of
+from testfield.evaluate.failures import FAILURE
+from testfield.evaluate.metrics import CENTRE, COMMON
 from testfield.measure.recipe import Algorithm, Recipe
 
 TINY = Path(__file__).parent / "torture" / "tiny.toml"
 MATTERS = {"px": 0.001, "um": 1.0, "": 0.5}
 
 
-def recipes(*names: str) -> list[Recipe]:
-    return [Recipe(name=name, centroid=Algorithm(name)) for name in names]
+def recipes(*names: str) -> tuple[Recipe, ...]:
+    return tuple(Recipe(name=name, centroid=Algorithm(name)) for name in names)
 
 
 def run_compare(*words: object) -> "subprocess.CompletedProcess[str]":
@@ -31,12 +35,18 @@ def run_compare(*words: object) -> "subprocess.CompletedProcess[str]":
 def test_every_recipe_meets_every_draw_of_every_scene_and_two_rows_are_known(tmp_path: Path) -> None:
     other = tmp_path / "other.toml"
     other.write_text(TINY.read_text().replace('name = "', 'name = "other_', 1))
-    cases = cases_of([TINY, other], recipes("forward_model", "grey_centroid"), 3)
+    cases = cases_of(Comparison((TINY, other), recipes("forward_model", "grey_centroid"), 3))
     labels = pd.DataFrame([case.labels for case in cases])
     assert (labels.groupby(["scene", "recipe"]).size().unstack()[["forward_model", "grey_centroid"]] == 3).all().all()
     assert (labels.groupby(["scene", "recipe"]).size().unstack()[[TRUTH, BROKEN]] == 1).all().all()
-    for case in cases:
+    own = [case for case in cases if case.recipe is not None]
+    for case in own:
         assert case.noise_seed == case.labels["draw"] and case.scene is not None
+    # What the machine does besides slows no recipe more than another: each draw begins with another one.
+    assert [case.recipe.name for case in own[:4]] == [
+        *("forward_model", "grey_centroid"),
+        *("grey_centroid", "forward_model"),
+    ]
 
 
 def test_a_comparison_finds_the_better_centroid_and_keeps_what_it_did(tmp_path: Path) -> None:
@@ -112,25 +122,6 @@ def test_bias_and_spread_of_drawn_errors_come_back() -> None:
         order = rng.permutation(marks)[: marks - 3]  # some are missed, and rows have no order
         columns = {"dx_px": error[order, 0].tolist(), "dy_px": error[order, 1].tolist()}
         rows.append({"scene": "s", "draw": draw, "station": [0] * len(order), "mark": order.tolist()} | columns)
-    found = bias_and_spread(pd.DataFrame(rows))
+    *found, items = bias_and_spread(pd.DataFrame(rows), centre_errors)
     assert found == pytest.approx((0.02, 0.05), rel=0.06)
-
-
-@pytest.mark.parametrize(
-    ("words", "named"),
-    [
-        ((TINY, "--centroids", "forward_model"), "--recipes"),
-        ((TINY, "--centroids", "forward_model,gray_centroid"), "grey_centroid"),
-        ((TINY, "--centroids", "forward_model,forward_model"), "forward_model"),
-        ((TINY, TINY, "--centroids", "forward_model,star"), "tiny.toml"),
-        ((TINY, "--centroids", "forward_model,star", "--draws", 0), "--draws"),
-        ((TINY, "--centroids", "forward_model,star", "--effect-px", 0), "--effect-px"),
-        ((TINY, "--centroids", "forward_model,star", "--effect-um", "nan"), "--effect-um"),
-        (("no_such_scene", "--centroids", "forward_model,star"), "no_such_scene"),
-        ((TINY, "--recipes", "no_such_recipe.toml", "--centroids", "star"), "no_such_recipe.toml"),
-    ],
-)
-def test_what_cannot_be_compared_is_said_before_anything_is_rendered(words: tuple, named: str, tmp_path: Path) -> None:
-    said = run_compare(*words, "--out", tmp_path / "out")
-    assert said.returncode == 2 and named in said.stderr and len(said.stderr.strip().splitlines()) == 1
-    assert not (tmp_path / "out" / "runs").exists()
+    assert items > 0.8 * marks

@@ -1011,15 +1011,15 @@ COMPARING = [
     Defect(
         "better and worse are exchanged",
         "difference",
-        "mean_of_clusters(two - one)",
-        "mean_of_clusters(one - two)",
+        "[b - a for a, b in both[0]]",
+        "[a - b for a, b in both[0]]",
         POWER,
     ),
     Defect(
         "draws of one scene count as independent",
         "difference",
-        "(np.array([pair[k].mean() for pair in both]) for k in (0, 1))",
-        "(np.concatenate([pair[k] for pair in both]) for k in (0, 1))",
+        "(mean_of_clusters(part) for part in (means[:, 1] - means[:, 0], *means.T))",
+        "(mean_of_clusters(np.concatenate([(b - a) for scene in both for a, b in scene])) for _ in range(3))",
         CLUSTERED,
     ),
     Defect(
@@ -1030,7 +1030,7 @@ COMPARING = [
         OF_MANY,
     ),
     Defect("a truth that errs is believed", "sane", "truth.abs() < 1e-9", "truth.abs() < 1", KNOWN),
-    Defect("a failed case is left out", "_summary", "int(failed.sum())", "0", COUNTED),
+    Defect("a failed case is left out", "_summary", "int(failed(rows).sum())", "0", COUNTED),
 ]
 DEFECTS = [
     *COMPARING,

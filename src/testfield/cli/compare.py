@@ -4,16 +4,23 @@ import argparse
 import os
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from testfield.evaluate.comparison import Comparison
 
 
 def add(commands: Any) -> None:
     """Enter the command."""
     p = commands.add_parser(
-        "compare", help="compare recipes or centroid estimators on the same rendered frames", description=__doc__
+        "compare", help="compare recipes or single algorithms on the same rendered frames", description=__doc__
     )
     p.add_argument(
-        "scenes", type=Path, nargs="+", metavar="SCENE", help="scene files, or names of those that come along"
+        "scenes",
+        type=Path,
+        nargs="+",
+        metavar="SCENE",
+        help="scene files, or names of those that come along; or one comparison file (FORMATS.md)",
     )
     p.add_argument(
         "--recipes",
@@ -23,10 +30,19 @@ def add(commands: Any) -> None:
         metavar="FILE",
         help="recipe files; others are held against the first",
     )
-    p.add_argument("--centroids", default="", metavar="A,B", help="centroid estimators in else equal recipes")
-    p.add_argument("--draws", type=int, default=5, metavar="N", help="draws of noise of every scene (default: 5)")
-    p.add_argument("--effect-px", type=float, default=0.001, metavar="PX", help="what matters in pixels (0.001)")
-    p.add_argument("--effect-um", type=float, default=1.0, metavar="UM", help="what matters in micrometres (1)")
+    for stage in ("centroids", "calibrators", "reconstructors"):
+        p.add_argument(f"--{stage}", default="", metavar="A,B", help=f"{stage} in else equal recipes")
+    p.add_argument(
+        "--factor",
+        action="append",
+        default=[],
+        metavar="FIELD=V,V",
+        help="vary a field of the scenes, as camera.f_number=4,8; can be given again",
+    )
+    p.add_argument("--draws", type=int, metavar="N", help="draws of noise of every scene (default: 5)")
+    p.add_argument("--effect-px", type=float, metavar="PX", help="what matters in pixels (default: 0.001)")
+    p.add_argument("--effect-um", type=float, metavar="UM", help="what matters in micrometres (default: 1)")
+    p.add_argument("--until", choices=("detect", "calibrate", "reconstruct"), help="last stage (default: reconstruct)")
     p.add_argument(
         "--out", type=Path, default=Path("renders/compare"), metavar="FOLDER", help="default: renders/compare"
     )
@@ -38,51 +54,29 @@ def add(commands: Any) -> None:
 def act(args: argparse.Namespace) -> int:
     """Do what is missing of all cases; write the page and its tables. Exit status 1 where the ruler is not sane."""
     import json
-    import platform
-    import shlex
 
     from testfield.cli.show import jobs_of
-    from testfield.errors import TestfieldError
-    from testfield.evaluate.compare import MATTERS, cases_of, conclude
-    from testfield.evaluate.compare_page import differences_table, write_comparison
+    from testfield.evaluate.compare import conclude
+    from testfield.evaluate.compare_floor import Floor
+    from testfield.evaluate.compare_page import write_comparison
+    from testfield.evaluate.compare_tables import differences_table
+    from testfield.evaluate.comparison_cases import cases_of
     from testfield.evaluate.execute import execute
-    from testfield.measure.recipe import Algorithm, Recipe
-    from testfield.scene.shipped import find_scene
+    from testfield.evaluate.provenance import provenance
     from testfield.score.floor import floor_of
     from testfield.score.scorecard import plain
     from testfield.store.lock import only_writer
-    from testfield.version import __version__
 
-    for name, value in (("--effect-px", args.effect_px), ("--effect-um", args.effect_um)):
-        if not 0 < value < 1e6:
-            raise TestfieldError(f"value {value:g} is no difference that can matter", name, "give one above 0")
-    recipes = [Recipe.load(path) for path in args.recipes]
-    words = [word.strip() for word in args.centroids.split(",") if word.strip()]
-    recipes += [Recipe(name=word, centroid=Algorithm(word)) for word in words]
-    for recipe in recipes:
-        recipe.check(f"recipe '{recipe.name}'")
-    scenes = [find_scene(scene) for scene in args.scenes]
-    cases = cases_of(scenes, recipes, args.draws)
-    names = [recipe.name for recipe in recipes]
-    matters = MATTERS | {"px": args.effect_px, "um": args.effect_um}
+    comparison = asked_for(args)
+    cases = cases_of(comparison)
+    names = [recipe.name for recipe in comparison.recipes]
     with only_writer(args.out):
         rows = execute(cases, args.out, jobs_of(args.jobs), "compare")
-        compared = conclude(rows, names, matters)
-        about = {
-            "first": names[0],
-            "recipes": names,
-            "scenes": [str(scene) for scene in scenes],
-            "draws": args.draws,
-            "floor": _floor(floor_of(args.out)),
-            "provenance": {
-                "command": shlex.join(["testfield", *sys.argv[1:]]),
-                "program": f"testfield {__version__}",
-                "processor": f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores",
-                "scenes": ", ".join(str(scene) for scene in args.scenes),
-            },
-        }
-        place = write_comparison(compared, about, args.out)
-    table = differences_table(compared)
+        compared = conclude(rows, names, comparison.matters)
+        floor = Floor.of(floor_of(args.out), compared.ground_um_per_px)
+        made = provenance(comparison, cases, sys.argv[1:])
+        place = write_comparison(compared, comparison, floor, made, args.out)
+    table = differences_table(compared, floor)
     if args.json:
         found = {"sane": compared.sane, "differences": table.to_dict("records")}
         print(json.dumps(plain(found | {"summary": compared.summary.to_dict("records")})))
@@ -98,10 +92,32 @@ def act(args: argparse.Namespace) -> int:
     return 0 if compared.sane else 1
 
 
-def _floor(certificate: dict[str, Any] | None) -> str:
-    """What the images themselves may err, in a sentence."""
-    if certificate is None:
-        return "No certificate lies beside this comparison's folder; testfield certify says what the images may err."
-    limit = certificate["centre_floor_px"]
-    of = "" if certificate["valid"] else ", made with another version of the renderer"
-    return f"Centres in these images are true to {limit:.5f} px rms by the certificate beside this folder{of}."
+def asked_for(args: argparse.Namespace) -> "Comparison":
+    """The comparison that a command line asks for: what a file says, and what options say beyond it."""
+    from dataclasses import replace
+
+    from testfield.evaluate.comparison import DRAWS, Comparison, Until, factor_of, is_comparison, recipes_of
+    from testfield.evaluate.metrics import MATTERS
+    from testfield.measure.recipe import Recipe
+    from testfield.scene.shipped import find_scene
+
+    stages = {stage: _words(getattr(args, stage)) for stage in ("centroids", "calibrators", "reconstructors")}
+    recipes = (*(Recipe.load(path) for path in args.recipes), *recipes_of(stages, "command line"))
+    factors = tuple(factor_of(text) for text in args.factor)
+    if len(args.scenes) == 1 and is_comparison(args.scenes[0]):
+        asked = Comparison.load(args.scenes[0])
+    else:
+        asked = Comparison(tuple(find_scene(scene) for scene in args.scenes), (), DRAWS)
+    effects = {"px": args.effect_px, "um": args.effect_um}
+    return replace(
+        asked,
+        recipes=(*asked.recipes, *recipes),
+        factors=(*asked.factors, *factors),
+        draws=asked.draws if args.draws is None else args.draws,
+        until=asked.until if args.until is None else Until(args.until),
+        matters=MATTERS | dict(asked.matters) | {unit: v for unit, v in effects.items() if v is not None},
+    ).check()
+
+
+def _words(text: str) -> list[str]:
+    return [word.strip() for word in text.split(",") if word.strip()]

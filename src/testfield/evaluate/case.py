@@ -8,6 +8,8 @@ from typing import Any
 
 from testfield.errors import TestfieldError
 from testfield.measure.recipe import Recipe
+from testfield.scene.meshes import COPIES as MESHES
+from testfield.scene.sky import COPY as SKY
 from testfield.store.toml import parse_toml, read_toml
 
 MEASURE = "testfield.evaluate.measured:scorecard_row"
@@ -20,7 +22,8 @@ class Case:
     `labels` name it and are the first columns of its rows; `work` is the "module:function" that measures it, given the
     case and its run; `scene` is a scene file as a plain table (None: the work needs none) and `options` are what the
     work is told besides (methods, subsets, exposures). `noise_seed` draws the frames' noise anew (None: the scene's
-    own), and `recipe` says how they are measured (None: as the scene asks). `weight` is the work in units of the
+    own), and `recipe` says how they are measured (None: as the scene asks). `folder` is what files are relative to that
+    the scene names; where it lies does not count, what is in the files does. `weight` is the work in units of the
     table's own, for progress.
     """
 
@@ -31,6 +34,18 @@ class Case:
     weight: float = 1.0
     noise_seed: int | None = None
     recipe: Recipe | None = None
+    folder: Path | None = None
+
+    @property
+    def files(self) -> dict[str, Path]:
+        """Files that the scene names, by where a run's folder keeps its copy of each; none of a scene without
+        folder."""
+        if self.scene is None or self.folder is None:
+            return {}
+        meshes, around = self.scene.get("meshes"), (self.scene.get("room") or {}).get("environment")
+        named = [(f"{MESHES}/{one['name']}", one["file"]) for one in meshes or [] if {"name", "file"} <= one.keys()]
+        named += [(SKY, around["file"])] if isinstance(around, dict) and "file" in around else []
+        return {f"{copy}{Path(file).suffix}": self.folder / file for copy, file in named}
 
 
 def case(
@@ -51,7 +66,9 @@ def case(
     named = {"scene": whole.get("name", ""), **changes}
     named |= {} if noise_seed is None else {"noise_seed": noise_seed}
     named |= {} if recipe is None else {"recipe": recipe.name}
-    return Case(labels=named if labels is None else labels, scene=whole, noise_seed=noise_seed, recipe=recipe)
+    folder = scene.parent if isinstance(scene, Path) else None
+    labels = named if labels is None else labels
+    return Case(labels=labels, scene=whole, noise_seed=noise_seed, recipe=recipe, folder=folder)
 
 
 def scene_table(path: Path) -> dict[str, Any]:

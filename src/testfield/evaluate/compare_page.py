@@ -1,13 +1,16 @@
-"""The page of a comparison, and its tables for papers and pull requests."""
+"""The page of a comparison, and what lies beside it."""
 
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
 from markupsafe import Markup
 
-from testfield.evaluate.compare import METRICS, STATED, Compared
-from testfield.evaluate.execute import FAILURE
+from testfield.evaluate.compare import Compared
+from testfield.evaluate.compare_floor import Floor
+from testfield.evaluate.compare_tables import tables_of, write_tables
+from testfield.evaluate.comparison import Comparison
+from testfield.evaluate.failures import Kind
+from testfield.evaluate.metrics import METRICS
 from testfield.evaluate.paired import Difference, Word
 from testfield.report.pages import page
 from testfield.report.style import ACCENT, FAINT, INK, WARM, figure, svg_of
@@ -15,44 +18,35 @@ from testfield.store.atomic import whole
 from testfield.store.text import write_text
 
 COLOURS = {Word.BETTER: ACCENT, Word.WORSE: WARM, Word.EQUIVALENT: INK, Word.OPEN: FAINT, Word.ONE: FAINT}
-LISTS = ["station", "mark", "dx_px", "dy_px"]
 
 
-def write_comparison(compared: Compared, about: dict[str, Any], folder: Path) -> Path:
-    """Write `report.html`, `comparison.csv`, `comparison.md`, `comparison.tex`, `cases.csv`, and a figure a metric as
-    SVG; returns the page's path. `about` says what was compared: first, scenes, recipes, draws, command, floor."""
-    table = differences_table(compared)
-    numbers = compared.rows.drop(columns=LISTS, errors="ignore")
-    texts = {
-        "comparison.csv": table.to_csv(index=False),
-        "comparison.md": _markdown(table),
-        "comparison.tex": table.to_latex(index=False, float_format="%.4g", escape=True),
-        "cases.csv": numbers.to_csv(index=False),
-    }
-    for name, text in texts.items():
-        with whole(folder / name) as path:
-            write_text(path, text)
-    with whole(folder / "comparison.parquet") as path:
-        table.to_parquet(path, index=False)
+def write_comparison(
+    compared: Compared, comparison: Comparison, floor: Floor, made: dict[str, str], folder: Path
+) -> Path:
+    """Write `report.html`, the tables of `compare_tables`, and a figure a metric as SVG; returns the page's path.
+    `made` says where the figures come from."""
+    tables = tables_of(compared, comparison, floor)
+    write_tables(tables, compared.rows, folder)
     drawings = []
+    first = comparison.recipes[0].name
     for metric in METRICS:
         own = {recipe: one for (recipe, key), one in compared.differences.items() if key == metric.key and one.draws}
         if own:
-            svg = _drawn(own, f"{metric.title}: difference from {about['first']}, {metric.unit or 'targets'}")
+            svg = _drawn(own, f"{metric.title}: difference from {first}, {metric.unit or 'targets'}")
             with whole(folder / f"{metric.key.replace('.', '_')}.svg") as path:
                 path.write_bytes(svg)
             drawings.append((metric.title, Markup(svg[svg.index(b"<svg") :].decode())))
-    failures = compared.rows[compared.rows[FAILURE].notna()] if FAILURE in compared.rows else compared.rows[:0]
     html = page(
         "compare.html",
         compared=compared,
-        about=about,
+        comparison=comparison,
+        floor=floor,
+        made=made,
+        first=first,
         metrics=METRICS,
-        stated=STATED,
-        summary=compared.summary.to_dict("records"),
-        differences=table.to_dict("records"),
+        kinds=[kind.value for kind in Kind],
+        tables={name: records(table) for name, table in tables.items()},
         sanity=compared.sanity.to_dict("records"),
-        failures=failures[["scene", "draw", "recipe", FAILURE]].to_dict("records") if len(failures) else [],
         drawings=drawings,
     )
     with whole(folder / "report.html") as path:
@@ -60,43 +54,10 @@ def write_comparison(compared: Compared, about: dict[str, Any], folder: Path) ->
     return folder / "report.html"
 
 
-def differences_table(compared: Compared) -> pd.DataFrame:
-    """Every difference in a row: figure, recipe, both means, difference with its interval, what is said, and how much
-    narrower common noise makes it."""
-    title = {metric.key: (metric.title, metric.unit) for metric in METRICS}
-    rows = []
-    for (recipe, key), one in compared.differences.items():
-        low, high = one.estimate.interval()
-        rows.append(
-            {
-                "figure": title[key][0],
-                "unit": title[key][1],
-                "recipe": recipe,
-                "first": one.first,
-                "this": one.other,
-                "difference": one.estimate.value,
-                "low": low,
-                "high": high,
-                "matters from": one.matters,
-                "p (Holm)": one.chance,
-                "p equivalent": one.chance_equivalent,
-                "verdict": one.word.value,
-                "draws": one.draws,
-                "scenes": one.scenes,
-                "unpaired over paired": one.unpaired_u / one.estimate.u if one.estimate.u > 0 else float("nan"),
-            }
-        )
-    return pd.DataFrame(rows)
-
-
-def _markdown(table: pd.DataFrame) -> str:
-    """A table for a pull request or a notebook."""
-    rows = [table.columns, ["---"] * len(table.columns), *table.map(_short).itertuples(index=False)]
-    return "".join(f"| {' | '.join(str(value) for value in row)} |\n" for row in rows)
-
-
-def _short(value: Any) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+def records(table: Any) -> list[dict[str, Any]]:
+    """A table's rows for a template."""
+    found: list[dict[str, Any]] = table.to_dict("records")
+    return found
 
 
 def _drawn(differences: dict[str, Difference], title: str) -> bytes:

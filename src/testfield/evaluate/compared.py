@@ -1,88 +1,164 @@
-"""What a comparison measures of one scene, one draw of noise and one recipe: the scorecard, times, and every centre."""
+"""What a comparison measures of one setup, one draw of noise and one recipe: scorecard, times, and every error."""
 
 import time
-from dataclasses import replace
+from enum import Enum
 from typing import Any
 
 import numpy as np
 
+from testfield.camera.images import Frame
 from testfield.chain.recipe import recipe_of
 from testfield.chain.run import Run
 from testfield.detect.observations import MEASURED, Observations
 from testfield.errors import TestfieldError
 from testfield.evaluate.case import Case
+from testfield.evaluate.compared_columns import camera_columns, centre_columns, ground_mm, length_columns, point_columns
+from testfield.evaluate.failures import KIND, Kind, failure_columns
 from testfield.evaluate.measured import flat, frames_of
 from testfield.measure.pipeline import calibrate, detect, reconstruct
-from testfield.score.detection import DetectionScore, score_detection
+from testfield.measure.recipe import Recipe
+from testfield.score.detection import EXPECTED_PX, DetectionScore, score_detection
+from testfield.score.points import score_points
 from testfield.score.scorecard import plain, score_measured
+from testfield.store.memory import peak_memory
+from testfield.store.threads import one_blas_thread
 
 TRUTH, BROKEN = "the truth itself", "broken on purpose"
 SHIFT_PX = 0.5
 """By which the broken one's centres are off in x: what half a pixel's mistake in conventions does."""
+NOT_CONVERGED = "had not converged"
+"""What a calibration's notes say where its adjustment ended before it was at rest."""
+
+
+class Until(Enum):
+    """The last stage that is done: whoever compares centres need not calibrate."""
+
+    DETECT = "detect"
+    CALIBRATE = "calibrate"
+    RECONSTRUCT = "reconstruct"
 
 
 def compared_row(case: Case, run: Run | None) -> list[dict[str, Any]]:
-    """One row: the scorecard by its paths; `time_detect_s`, `time_calibrate_s`, `time_reconstruct_s`; and as lists
-    `station`, `mark`, `dx_px`, `dy_px`, the error of every centre.
+    """One row: the scorecard by its paths; seconds of each stage (`time_detect_s` ...) and the memory that they took
+    beyond what was there before (`memory_mb`); and as lists every error (`compared_columns`).
 
+    Where the recipe fails, at whatever stage, the row says why and at which, and has the figures of the stages before.
     With the option `sanity` the centres are the true ones, or broken: such a row has figures of detection alone. Raises
-    `TestfieldError` where the case has no scene, or its images do not determine the result.
+    `TestfieldError` where the case has no scene, or its images cannot be made.
     """
     if run is None:
         raise TestfieldError("this case has no scene to measure", str(case.labels), "give it one")
+    ground = {"ground_mm_per_px": ground_mm(run.world, run.views)}
+    if "sanity" in case.options:
+        score = score_detection(run.world, run.views, true_observations(run, case.options["sanity"] == BROKEN))
+        return [flat(plain({"detection": score.card()})) | ground | centre_columns(score, run.views)]
     recipe = case.recipe or recipe_of(run.scene)
     recipe.check(recipe.name)
-    frames = frames_of(case, run)
-    begun = time.perf_counter()
-    seen = Observations.join([detect(frame, run.field, recipe) for frame in frames], run.stations)
-    detected = time.perf_counter()
-    seen = run.truth.by_cameras(seen)
-    if "sanity" in case.options:
-        score = _scored(_sanity(seen, run, case.options["sanity"]), run)
-        return [flat(plain({"detection": score.card()})) | _centres(score)]
-    calibration = calibrate(seen, run.field, recipe)
-    calibrated = time.perf_counter()
-    points = reconstruct(seen, calibration, run.field, recipe)
-    ended = time.perf_counter()
-    score = _scored(seen, run)
-    card = score_measured(
-        run.world,
-        run.views,
-        seen,
-        calibration,
-        points,
-        cameras=run.truth.cameras,
-        rigs=run.scene.rigs,
-        detection=score,
+    frames = _frames(case, run)
+    _warm_up(recipe, frames[0], run)
+    with one_blas_thread(), peak_memory() as memory:
+        row = _measured(frames, run, recipe, Until(case.options.get("until", Until.RECONSTRUCT.value)))
+    return [row | ground | {"memory_mb": memory.mb}]
+
+
+def true_observations(run: Run, broken: bool = False) -> Observations:
+    """What a detector without any error would find of all expected targets; where broken, half a pixel to the right."""
+    views, marks = run.views, run.world.marks
+    station, mark = np.nonzero((views.visible == 1) & (views.diameter_px >= EXPECTED_PX))
+    n, size = len(mark), views.diameter_px[station, mark] / 4
+    return Observations(
+        stations=run.stations,
+        station=station,
+        xy_px=views.disc_px[station, mark] + [SHIFT_PX * broken, 0.0],
+        cov_px2=np.tile(np.eye(2), (n, 1, 1)),
+        moments_px2=size[:, None, None] ** 2 * np.eye(2),
+        code=marks.code[mark],
+        board=marks.board[mark],
+        point=marks.point[mark],
+        chi2=np.ones(n),
+        status=np.full(n, MEASURED, object),
     )
-    times = {
-        "time_detect_s": detected - begun,
-        "time_calibrate_s": calibrated - detected,
-        "time_reconstruct_s": ended - calibrated,
-    }
-    return [flat(plain(card)) | times | _centres(score)]
 
 
-def _scored(seen: Observations, run: Run) -> DetectionScore:
-    return score_detection(run.world, run.views, seen.at_times(run.world.field.moving))
+def _measured(frames: list[Frame], run: Run, recipe: Recipe, until: Until) -> dict[str, Any]:
+    """The row's figures, as far as the recipe comes."""
+    row: dict[str, Any] = {}
+    stage, begun = Until.DETECT, time.perf_counter()
+
+    def done() -> None:
+        nonlocal begun
+        row[f"time_{stage.value}_s"] = time.perf_counter() - begun
+        begun = time.perf_counter()
+
+    score: DetectionScore | None = None
+    try:
+        seen = Observations.join([detect(frame, run.field, recipe) for frame in frames], run.stations)
+        done()
+        seen = run.truth.by_cameras(seen)
+        score = score_detection(run.world, run.views, seen.at_times(run.world.field.moving))
+        row |= flat(plain({"detection": score.card()})) | centre_columns(score, run.views)
+        if until is Until.DETECT:
+            return row
+        stage, begun = Until.CALIBRATE, time.perf_counter()
+        calibration = calibrate(seen, run.field, recipe)
+        done()
+        row |= camera_columns(run.truth.cameras or {"": run.world}, calibration)
+        if any(NOT_CONVERGED in note for note in calibration.notes):
+            row[KIND] = Kind.NOT_CONVERGED.value
+        stage, begun = Until.RECONSTRUCT, time.perf_counter()
+        points = reconstruct(seen, calibration, run.field, recipe)
+        done()
+        of_points = score_points(run.world, calibration, points)
+        row |= point_columns(of_points) | length_columns(of_points)
+        card = score_measured(
+            run.world,
+            run.views,
+            seen,
+            calibration,
+            points,
+            cameras=run.truth.cameras,
+            rigs=run.scene.rigs,
+            detection=score,
+        )
+        return flat(plain(card)) | row
+    except MemoryError:
+        raise
+    except Exception as error:  # whatever somebody's algorithm does, the others are compared
+        return row | _nothing_found(run, score) | failure_columns(error, stage.value)
 
 
-def _centres(score: DetectionScore) -> dict[str, Any]:
-    return {
-        "station": score.station.tolist(),
-        "mark": score.mark.tolist(),
-        "dx_px": score.error_px[:, 0].tolist(),
-        "dy_px": score.error_px[:, 1].tolist(),
-    }
+def _nothing_found(run: Run, score: DetectionScore | None) -> dict[str, Any]:
+    """Where detection itself failed, all that was expected was missed."""
+    if score is not None:
+        return {}
+    expected = int(((run.views.visible == 1) & (run.views.diameter_px >= EXPECTED_PX)).sum())
+    return {"detection.expected": expected, "detection.missed": expected, "detection.found_fraction": 0.0}
 
 
-def _sanity(seen: Observations, run: Run, kind: str) -> Observations:
-    """Observations whose centres are the true ones, or those shifted."""
-    score = _scored(seen, run)
-    xy = seen.xy_px.copy()
-    xy[score.row] -= score.error_px
-    if kind == BROKEN:
-        xy[score.row] += [SHIFT_PX, 0.0]
-    status = np.full(len(xy), "left out", object)
-    status[score.row] = MEASURED
-    return replace(seen, xy_px=xy, status=status)
+_kept: tuple[tuple[str, int | None], list[Frame]] | None = None
+_warm: set[tuple[str, str]] = set()
+
+
+def _frames(case: Case, run: Run) -> list[Frame]:
+    """The frames of a case; those of the last one are kept, for all recipes meet the same."""
+    global _kept
+    key = (str(run.folder), case.noise_seed)
+    if _kept is None or _kept[0] != key:
+        _kept = None
+        _kept = key, frames_of(case, run)
+    return _kept[1]
+
+
+def _warm_up(recipe: Recipe, frame: Frame, run: Run) -> None:
+    """Detect once in a frame before anything is timed, where this process has not yet: what is loaded and compiled at
+    first use is nobody's time."""
+    key = (recipe.centroid.name, str(sorted(recipe.centroid.options.items())))
+    if key in _warm:
+        return
+    _warm.add(key)
+    try:
+        detect(frame, run.field, recipe)
+    except MemoryError:
+        raise
+    except Exception:  # it fails again where failures are counted
+        return

@@ -5,6 +5,7 @@ process, one after the other, so that nothing is made twice. What a case found i
 digest of the case and of the code it was measured with: after a kill, the next call does what is missing.
 """
 
+import shutil
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -18,14 +19,12 @@ from testfield.chain.progress import bar
 from testfield.chain.run import Run, begin
 from testfield.errors import TestfieldError
 from testfield.evaluate.case import Case
-from testfield.evaluate.keys import case_key
+from testfield.evaluate.failures import FAILURE
+from testfield.evaluate.keys import case_key, file_digests
 from testfield.store.atomic import whole
 from testfield.store.digests import digest
 from testfield.store.text import write_text
 from testfield.store.work import Pool, each
-
-FAILURE = "failure"
-"""The column that says why a case gave no figures."""
 
 
 def execute(
@@ -77,13 +76,15 @@ def run_name(case: Case) -> str | None:
     measured does not count."""
     if case.scene is None:
         return None
-    return digest({name: part for name, part in case.scene.items() if name != "measure"})[:16]
+    files = file_digests(case)
+    seen = {name: part for name, part in case.scene.items() if name != "measure"}
+    return digest(seen, *([files] if files else []))[:16]
 
 
 def do_case(case: Case, folder: Path) -> list[dict[str, Any]]:
     """The rows of one case, its scene laid out below `folder`."""
     module, _, name = case.work.partition(":")
-    return getattr(import_module(module), name)(case, None if case.scene is None else _run(case, folder))
+    return getattr(import_module(module), name)(case, None if case.scene is None else run_of(case, folder))
 
 
 def _do(
@@ -110,12 +111,26 @@ def _do(
         return {key: reason for key, reason in zip(keys, reasons, strict=True) if reason}
 
 
-def _run(case: Case, folder: Path) -> Run:
+def run_of(case: Case, folder: Path) -> Run:
+    """The run of a case's scene, laid out below `folder`. The last one is kept in memory, for the next case has most
+    often the same."""
+    global _last
     place = folder / "runs" / str(run_name(case))
+    key = digest(case.scene, place)
+    if _last is not None and _last[0] == key and (place / "scene.toml").is_file():
+        return _last[1]
+    for name, source in case.files.items():
+        if not (place / name).is_file():
+            with whole(place / name) as path:
+                shutil.copyfile(source, path)
     with whole(place / "case.toml") as path:
         write_text(path, tomli_w.dumps(case.scene or {}))
     run, _ = begin(place / "case.toml", place, None, 1)
+    _last = key, run
     return run
+
+
+_last: tuple[str, Run] | None = None
 
 
 def _try(item: tuple[Case, str], folder: Path) -> str | None:

@@ -8,10 +8,11 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from testfield.errors import TestfieldError
 from testfield.evaluate.case import Case
 from testfield.registry import announced
 from testfield.store.code import code_digest, package_version, sources
-from testfield.store.digests import digest
+from testfield.store.digests import digest, file_digest
 from testfield.store.text import read_text
 
 NO_ROOMS = ("testfield.report", "testfield.certify")
@@ -29,7 +30,19 @@ def case_key(case: Case) -> str:
     device = os.environ.get("TESTFIELD_VARIANT", "") + os.environ.get("TESTFIELD_LLVM_TARGET", "")
     outside = (device, package_version("pycolmap"))
     measured = [case.noise_seed, case.recipe] if case.noise_seed is not None or case.recipe is not None else []
-    return digest(case.labels, case.work, case.scene, case.options, *measured, code, outside)
+    files = file_digests(case)
+    return digest(
+        case.labels, case.work, case.scene, case.options, *measured, *([files] if files else []), code, outside
+    )
+
+
+def file_digests(case: Case) -> dict[str, str]:
+    """Digests of what is in the files that a case's scene names, by their copies' names. Raises `TestfieldError` where
+    one is missing."""
+    for path in case.files.values():
+        if not path.is_file():
+            raise TestfieldError("no such file, and the scene names it", str(path), "check the path")
+    return {name: file_digest(path) for name, path in sorted(case.files.items())}
 
 
 @cache

@@ -1,7 +1,8 @@
 """Two ways of measuring on the same images: what their difference is, how sure, and what may be said of it.
 
 Both met the same frames under the same noise, so what counts are differences, draw by draw. Draws of one scene share
-its geometry: over several scenes a scene is one value, and only of a single scene are draws the units.
+its geometry, and so do the levels of a factor that it was seen at: over several scenes a scene is one value, and only
+of a single scene are draws the units, level by level.
 """
 
 from collections.abc import Sequence
@@ -57,30 +58,56 @@ class Difference:
 
 
 def difference(first: Sequence[np.ndarray], other: Sequence[np.ndarray], matters: float) -> Difference:
-    """The difference of two figures, given scene by scene as arrays of draws, not a number where one gave none.
+    """The difference of two figures, given scene by scene as arrays (levels, draws) or (draws,), not a number where one
+    gave none.
 
-    With one scene the draws are the units and the conclusion is of this scene; with more, the scenes.
+    With one scene the draws are the units, within levels, and the conclusion is of this scene; with more, the scenes.
     """
-    both = [
-        (a[good], b[good]) for a, b in zip(first, other, strict=True) if (good := np.isfinite(a) & np.isfinite(b)).any()
-    ]
+    both = [pair for a, b in zip(first, other, strict=True) if (pair := _levels(a, b))]
     if not both:
         none = Estimate(np.nan, np.nan, 0)
         return Difference(np.nan, np.nan, none, np.nan, matters, 1.0, 1.0, 0, 0)
-    one, two = both[0] if len(both) == 1 else (np.array([pair[k].mean() for pair in both]) for k in (0, 1))
-    estimate = mean_of_clusters(two - one)
-    apart = np.hypot(mean_of_clusters(one).u, mean_of_clusters(two).u)
+    means = np.array([np.mean([[values.mean() for values in level] for level in scene], axis=0) for scene in both])
+    if len(both) > 1:
+        estimate, *apart = (mean_of_clusters(part) for part in (means[:, 1] - means[:, 0], *means.T))
+    else:
+        parts = ([b - a for a, b in both[0]], *zip(*both[0], strict=True))
+        estimate, *apart = (mean_of_strata(part) for part in parts)
     return Difference(
-        first=float(one.mean()),
-        other=float(two.mean()),
+        first=float(means[:, 0].mean()),
+        other=float(means[:, 1].mean()),
         estimate=estimate,
-        unpaired_u=float(apart),
+        unpaired_u=float(np.hypot(apart[0].u, apart[1].u)),
         matters=matters,
         chance=estimate.chance(0.0),
         chance_equivalent=equivalence(estimate, 0.0, Margin(matters, matters, "named by the user")),
-        draws=sum(len(a) for a, _ in both),
+        draws=sum(len(a) for scene in both for a, _ in scene),
         scenes=len(both),
     )
+
+
+def mean_of_strata(strata: Sequence[np.ndarray]) -> Estimate:
+    """The mean of the means of strata, each an array (draws,): every stratum counts alike. Its uncertainty comes from
+    the spread within each, its degrees of freedom by Welch and Satterthwaite; of a stratum of one value it is not a
+    number."""
+    value, n = float(np.mean([values.mean() for values in strata])), len(strata)
+    if any(len(values) < 2 for values in strata):
+        return Estimate(value, np.nan, 0)
+    variance = np.array([values.var(ddof=1) / len(values) for values in strata]) / n**2
+    if not variance.any():
+        return Estimate(value, 0.0, sum(len(values) - 1 for values in strata))
+    freedom = variance.sum() ** 2 / sum(v**2 / (len(values) - 1) for v, values in zip(variance, strata, strict=True))
+    return Estimate(value, float(np.sqrt(variance.sum())), float(freedom))
+
+
+def _levels(first: np.ndarray, other: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Of each level the figures of those draws in which both gave one."""
+    found = []
+    for a, b in zip(np.atleast_2d(first), np.atleast_2d(other), strict=True):
+        good = np.isfinite(a) & np.isfinite(b)
+        if good.any():
+            found.append((a[good], b[good]))
+    return found
 
 
 def together(differences: Sequence[Difference]) -> list[Difference]:

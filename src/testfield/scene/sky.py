@@ -9,6 +9,8 @@ from testfield.scene.named_files import named_file
 from testfield.scene.room_parts import GradientPart, MapPart
 from testfield.scene.world import Sky
 
+COPY = "environment_as_run"
+"""Name, without its suffix, of the copy of a map's file in a run's folder."""
 GRADIENT_ROWS, GRADIENT_COLUMNS = 257, 8
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 """Weights of linear red, green and blue (Rec. 709)."""
@@ -21,7 +23,7 @@ def map_path(part: MapPart, folder: Path) -> Path:
 
 def copy_name(part: MapPart) -> str:
     """Name of the copy of a map's file in a run's folder."""
-    return f"environment_as_run{Path(part.file).suffix}"
+    return f"{COPY}{Path(part.file).suffix}"
 
 
 def sky_of(part: GradientPart | MapPart, where: str, folder: Path = Path()) -> Sky:

@@ -5,7 +5,7 @@ from typing import Any
 
 from markupsafe import Markup
 
-from testfield.evaluate.execute import FAILURE
+from testfield.evaluate.failures import FAILURE
 from testfield.report.pages import page
 from testfield.report.style import figure, svg_of
 from testfield.store.atomic import whole

@@ -10,7 +10,8 @@ import pandas as pd
 
 from testfield.errors import TestfieldError
 from testfield.evaluate.case import Case
-from testfield.evaluate.execute import FAILURE, execute, finished
+from testfield.evaluate.execute import execute, finished
+from testfield.evaluate.failures import FAILURE
 from testfield.score.scorecard import plain
 from testfield.store.atomic import whole
 from testfield.store.stamp import stamp

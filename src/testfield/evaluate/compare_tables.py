@@ -1,0 +1,123 @@
+"""The tables of a comparison, for pages, papers, pull requests and programs."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from testfield.evaluate.compare import Compared
+from testfield.evaluate.compare_floor import Floor
+from testfield.evaluate.compared_columns import LISTS
+from testfield.evaluate.comparison import Comparison
+from testfield.evaluate.curves import axis_of
+from testfield.evaluate.metrics import METRICS
+from testfield.evaluate.paired import Difference
+from testfield.store.atomic import whole
+from testfield.store.text import write_text
+
+TITLES = {metric.key: metric for metric in METRICS}
+
+
+def tables_of(compared: Compared, comparison: Comparison, floor: Floor) -> dict[str, pd.DataFrame]:
+    """By the name of their files: differences (`comparison`), the same scene by scene, recipes, ranks, bias and
+    spread, stated uncertainty, curves over factors, failures."""
+    return {
+        "comparison": differences_table(compared, floor),
+        "scenes": scenes_table(compared, floor),
+        "recipes": compared.summary,
+        "ranks": ranks_table(compared, floor),
+        "bias": compared.bias,
+        "stated": compared.stated,
+        "curves": curves_table(compared, comparison),
+        "failures": compared.failures,
+    }
+
+
+def differences_table(compared: Compared, floor: Floor) -> pd.DataFrame:
+    """Every pooled difference in a row: figure, recipe, both means, difference with its interval, what is said, on
+    which side of the floor, and how much narrower common noise makes it."""
+    return pd.DataFrame(
+        [{"recipe": recipe} | _row(one, key, floor) for (recipe, key), one in compared.differences.items()]
+    )
+
+
+def scenes_table(compared: Compared, floor: Floor) -> pd.DataFrame:
+    """The same scene by scene."""
+    return pd.DataFrame(
+        [
+            {"scene": scene, "recipe": recipe} | _row(one, key, floor)
+            for (scene, recipe, key), one in compared.scenes.items()
+        ]
+    )
+
+
+def ranks_table(compared: Compared, floor: Floor) -> pd.DataFrame:
+    """Ranks, with the side of the floor on which each mean stands."""
+    by_title = {metric.title: metric for metric in METRICS}
+    sides = [floor.side(by_title[row.figure], row.mean) for row in compared.ranks.itertuples()]
+    return compared.ranks.assign(floor=sides)
+
+
+def curves_table(compared: Compared, comparison: Comparison) -> pd.DataFrame:
+    """Curves with the values of their factors beside the levels: `value` as text, `at` where it lies on an axis."""
+    curves = compared.curves
+    values = {factor.name: factor.values for factor in comparison.factors}
+    levels = list(zip(curves.factor, curves.level, strict=True)) if len(curves) else []
+    value = [str(values[factor][level]) for factor, level in levels]
+    at = [axis_of(values[factor])[0][level] for factor, level in levels]
+    return curves.assign(value=value, at=at)
+
+
+def _row(one: Difference, key: str, floor: Floor) -> dict[str, Any]:
+    metric, (low, high) = TITLES[key], one.estimate.interval()
+    return {
+        "figure": metric.title,
+        "unit": metric.unit,
+        "first": one.first,
+        "this": one.other,
+        "difference": one.estimate.value,
+        "low": low,
+        "high": high,
+        "matters from": one.matters,
+        "p (Holm)": one.chance,
+        "p equivalent": one.chance_equivalent,
+        "verdict": one.word.value,
+        "floor": floor.side(metric, one.estimate.value),
+        "draws": one.draws,
+        "scenes": one.scenes,
+        "unpaired over paired": one.unpaired_u / one.estimate.u if one.estimate.u > 0 else float("nan"),
+    }
+
+
+def write_tables(tables: Mapping[str, pd.DataFrame], rows: pd.DataFrame, folder: Path) -> None:
+    """Write each table that has rows as Parquet, CSV, Markdown and LaTeX, and every case as `cases.csv`."""
+    for name, table in tables.items():
+        if not len(table):
+            for suffix in ("parquet", "csv", "md", "tex"):
+                (folder / f"{name}.{suffix}").unlink(missing_ok=True)
+            continue
+        with whole(folder / f"{name}.parquet") as path:
+            table.to_parquet(path, index=False)
+        texts = {
+            "csv": table.to_csv(index=False),
+            "md": markdown(table),
+            "tex": table.to_latex(index=False, float_format="%.4g", escape=True, na_rep="--"),
+        }
+        for suffix, text in texts.items():
+            with whole(folder / f"{name}.{suffix}") as path:
+                write_text(path, text)
+    with whole(folder / "cases.csv") as path:
+        write_text(path, rows.drop(columns=list(LISTS), errors="ignore").to_csv(index=False))
+
+
+def markdown(table: pd.DataFrame) -> str:
+    """A table for a pull request or a notebook."""
+    rows = [table.columns, ["---"] * len(table.columns), *table.map(_short).itertuples(index=False)]
+    return "".join(f"| {' | '.join(str(value) for value in row)} |\n" for row in rows)
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, float):
+        return "" if value != value else f"{value:.4g}"
+    return "" if value is None else str(value).replace("|", "\\|")

@@ -1,0 +1,91 @@
+"""Stated against actual uncertainty, recipe by recipe: NEES with its band, and how often errors are where stated."""
+
+from collections.abc import Iterable
+
+import numpy as np
+import pandas as pd
+from scipy.stats import chi2
+
+from testfield.statistics.clusters import share_of_clusters
+from testfield.statistics.consistency import nees_band
+
+LEVELS = (0.68, 0.95)
+ERROR, STATED = "calibration.interior_error.", "calibration.interior_u."
+
+
+def stated_table(rows: pd.DataFrame, recipes: Iterable[str]) -> pd.DataFrame:
+    """Of each recipe and of centres, interior orientation and check points: `anees`, squared error over stated
+    covariance a degree of freedom, the band `low` to `high` in which 95 % of such figures lie where what is stated is
+    true, and the share of errors within their regions at 68 and 95 % (`held_68`, `held_68_low`, ...). Not numbers where
+    nothing is stated.
+
+    Centres err by noise of their own. Parameters and points of one scene share its certificates in all draws, so for
+    their band a scene counts once.
+    """
+    found = []
+    for name in recipes:
+        own = rows[rows.recipe == name]
+        for what, (squares, freedom, cluster, independent) in _parts(own).items():
+            found.append({"recipe": name, "of": what} | _row(squares, freedom, cluster, independent))
+    return pd.DataFrame(found)
+
+
+def _row(squares: np.ndarray, freedom: int, cluster: np.ndarray, independent: float) -> dict[str, float]:
+    good = np.isfinite(squares)
+    squares, cluster = squares[good], cluster[good]
+    row: dict[str, float] = {"anees": np.nan, "low": np.nan, "high": np.nan, "errors": len(squares)}
+    if len(squares):
+        low, high = nees_band(max(round(independent * freedom), 1))
+        row |= {"anees": float(squares.mean() / freedom), "low": low, "high": high}
+    _, place = np.unique(cluster, return_inverse=True)
+    trials = np.bincount(place)
+    for level in LEVELS:
+        hits = np.bincount(place, squares <= chi2.ppf(level, freedom), len(trials))
+        share = share_of_clusters(hits, trials) if len(squares) else (np.nan,) * 3
+        key = f"held_{100 * level:.0f}"
+        row |= dict(zip((key, f"{key}_low", f"{key}_high"), share, strict=True))
+    return row
+
+
+Part = tuple[np.ndarray, int, np.ndarray, float]
+"""Squared errors over stated covariances, degrees of freedom of each, the cluster of each, how many are independent."""
+
+
+def _parts(own: pd.DataFrame) -> dict[str, Part]:
+    several = own.scene.nunique() > 1
+    return {
+        "centres": _of_lists(own, "centre_nees", 2, several, by_image=True),
+        "interior orientation": _of_parameters(own, several),
+        "check points": _of_lists(own, "point_nees", 3, several, by_image=False),
+    }
+
+
+def _of_lists(own: pd.DataFrame, column: str, freedom: int, several: bool, by_image: bool) -> Part:
+    squares, clusters = [], []
+    for number, row in enumerate(own.to_dict("records")):
+        values = row.get(column)
+        if values is None or isinstance(values, float):
+            continue
+        squares.append(np.asarray(values, float))
+        if several:
+            names = [row["scene"]] * len(values)
+        else:
+            names = [f"{row.get('level', -1)} {k}" for k in row["station"]] if by_image else [f"{number}"] * len(values)
+        clusters.append(np.asarray(names, str))
+    if not squares:
+        return np.zeros(0), freedom, np.zeros(0, str), 0.0
+    together = np.concatenate(squares)
+    independent = len(together) if by_image else len(together) / max(len(squares), 1) * own.scene.nunique()
+    return together, freedom, np.concatenate(clusters), independent
+
+
+def _of_parameters(own: pd.DataFrame, several: bool) -> Part:
+    names = [key.removeprefix(STATED) for key in own if str(key).startswith(STATED)]
+    names = [name for name in names if ERROR + name in own]
+    if not names:
+        return np.zeros(0), 1, np.zeros(0, str), 0.0
+    error, u = (own[[part + name for name in names]].apply(pd.to_numeric, errors="coerce") for part in (ERROR, STATED))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        squares = (error.to_numpy(float) / u.to_numpy(float)) ** 2
+    cluster = np.repeat(own.scene.to_numpy(str) if several else np.arange(len(own)).astype(str), len(names))
+    return squares.ravel(), 1, cluster, len(names) * own.scene.nunique()
