@@ -17,9 +17,11 @@ from testfield.evaluate.failures import KIND, Kind, failure_columns
 from testfield.evaluate.measured import flat, frames_of
 from testfield.measure.pipeline import calibrate, detect, reconstruct
 from testfield.measure.recipe import Recipe
+from testfield.score.camera import score_boards
 from testfield.score.detection import EXPECTED_PX, DetectionScore, score_detection
-from testfield.score.points import score_points
-from testfield.score.scorecard import plain, score_measured
+from testfield.score.points import score_lengths, score_points
+from testfield.score.scorecard import plain
+from testfield.score.several import score_cameras
 from testfield.store.memory import peak_memory
 from testfield.store.threads import one_blas_thread
 
@@ -102,25 +104,23 @@ def _measured(frames: list[Frame], run: Run, recipe: Recipe, until: Until) -> di
         stage, begun = Until.CALIBRATE, time.perf_counter()
         calibration = calibrate(seen, run.field, recipe)
         done()
-        row |= camera_columns(run.truth.cameras or {"": run.world}, calibration)
+        cameras = run.truth.cameras or {"": run.world}
+        card = {"calibration": {"method": calibration.method} | score_cameras(cameras, calibration)}
+        row |= flat(plain(card | {"boards": score_boards(run.world, calibration)})) | camera_columns(
+            cameras, calibration
+        )
         if any(NOT_CONVERGED in note for note in calibration.notes):
             row[KIND] = Kind.NOT_CONVERGED.value
+        if until is Until.CALIBRATE:
+            return row
         stage, begun = Until.RECONSTRUCT, time.perf_counter()
         points = reconstruct(seen, calibration, run.field, recipe)
         done()
         of_points = score_points(run.world, calibration, points)
         row |= point_columns(of_points) | length_columns(of_points)
-        card = score_measured(
-            run.world,
-            run.views,
-            seen,
-            calibration,
-            points,
-            cameras=run.truth.cameras,
-            rigs=run.scene.rigs,
-            detection=score,
-        )
-        return flat(plain(card)) | row
+        card = {"points": {"method": points.method} | of_points.card()}
+        card |= {"lengths": score_lengths(run.world, calibration, points)}
+        return row | flat(plain(card))
     except MemoryError:
         raise
     except Exception as error:  # whatever somebody's algorithm does, the others are compared

@@ -16,7 +16,7 @@ from testfield.scene.camera_parts import RigPart
 from testfield.scene.truth import Views
 from testfield.scene.world import World
 from testfield.score.camera import score_boards
-from testfield.score.detection import DetectionScore, score_detection
+from testfield.score.detection import score_detection
 from testfield.score.points import score_lengths, score_points
 from testfield.score.several import score_cameras, score_rigs
 from testfield.store.sheets import Count, Finite, OpenSheet, checked, read_json
@@ -60,10 +60,9 @@ def score_measured(
     targets: Points,
     cameras: dict[str, World] | None = None,
     rigs: tuple[RigPart, ...] = (),
-    detection: DetectionScore | None = None,
 ) -> dict[str, Any]:
-    """Score what was measured against the truth, as `scorecard` does files; `detection` where it is scored already."""
-    detection = detection or score_detection(world, views, observations.at_times(world.field.moving))
+    """Score what was measured against the truth, as `scorecard` does files."""
+    detection = score_detection(world, views, observations.at_times(world.field.moving))
     lengths = score_lengths(world, camera, targets)
     checks = [(bar["name"], bar.get("en")) for bar in lengths["bars"] if bar["role"] == "check"]
     failures = [*camera.failures, *failed_checks(checks)]
