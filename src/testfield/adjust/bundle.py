@@ -12,9 +12,11 @@ from threadpoolctl import threadpool_limits
 
 from testfield.adjust.covariance import Covariance
 from testfield.adjust.datum import aligned, open_motions
-from testfield.adjust.linear import Structure, linearise
+from testfield.adjust.factor import Factor
+from testfield.adjust.groups import Structure
+from testfield.adjust.linear import linearise, whitening_of
 from testfield.adjust.network import EXACT_MM, Network
-from testfield.adjust.normal import Factor, NormalEquations
+from testfield.adjust.normal import NormalEquations
 from testfield.camera.project import project_unchecked
 from testfield.errors import TestfieldError
 
@@ -63,8 +65,7 @@ class Adjustment:
         have. Near zero: an error of this observation shows in no residual."""
         answer = np.empty((len(self.residual_px), 2, 2))
         with threadpool_limits(1, "blas"):  # the same digits whatever the number of threads
-            for group, predicted in zip(self.equations.structure.groups, self.cov.of_predictions(), strict=True):
-                answer[group.rows] = np.eye(2) - predicted
+            answer[self.equations.structure.order] = np.eye(2) - self.cov.of_predictions()
         return answer
 
 
@@ -95,28 +96,26 @@ def _adjust(
     network: Network, labels: list[str], robust: bool, datum_points: np.ndarray | None, most_steps: int
 ) -> Adjustment:
     structure, start = Structure.of(network), network
-    whitening = np.linalg.inv(np.linalg.cholesky(network.cov_px2))
+    whitening = whitening_of(network.cov_px2)
     weight = _weights(network, whitening) if robust else np.ones(len(network.point))
-    chi2 = _chi2(network, whitening, weight)
+    at = _Place(network, structure, whitening, weight)
     damping, fall, steps, converged = FIRST_DAMPING, 100.0, 0, False
-    equations, ways = _equations(network, structure, whitening, weight)
     while steps < most_steps:
         steps += 1
-        normal, right, inverse = equations.reduced(damping)
-        step = Factor(normal, labels, ways[0]).solve(right)
-        trial = network.moved(step, equations.back_substituted(step, inverse))
-        trial_chi2 = _chi2(trial, whitening, weight)
-        small = equations.relative_size(step)
-        if np.isfinite(trial_chi2) and trial_chi2 <= chi2 * (1 + 1e-12) + 1e-18:
-            network, chi2 = trial, trial_chi2
+        normal, right, inverse = at.equations.reduced(damping)
+        step = Factor(normal, labels, at.ways[0]).solve(right)
+        moved = at.network.moved(step, at.equations.back_substituted(step, inverse))
+        trial = _Place(moved, structure, whitening, weight)
+        small = at.equations.relative_size(step)
+        if np.isfinite(trial.chi2) and trial.chi2 <= at.chi2 * (1 + 1e-12) + 1e-18:
+            at = trial
             if small < NEGLIGIBLE and damping < 1e-8:
                 converged = True
                 break
             damping = damping / fall if damping > 1e-12 else 0.0
             if robust:
-                weight = _weights(network, whitening)
-                chi2 = _chi2(network, whitening, weight)
-            equations, ways = _equations(network, structure, whitening, weight)
+                weight = _weights(at.network, whitening)
+                at = _Place(at.network, structure, whitening, weight)
         elif damping > 1e8 or small < NEGLIGIBLE:
             converged = damping <= 1e8
             break
@@ -124,28 +123,50 @@ def _adjust(
             # A weak network far from its minimum needs the least damping that still carries it: finer steps from now.
             damping, fall = max(damping * 4, 1e-6), 10.0
     # The equations at the minimum give the covariance, and with it a last step.
-    loose = _datum_points(network) if datum_points is None else datum_points
-    free = ways[0].shape[1] if len(loose) >= 3 else 0
-    network = aligned(network, start.point_mm[loose], loose, free == 7) if free else network
-    equations, ways = _equations(network, structure, whitening, weight)
+    loose = _datum_points(at.network) if datum_points is None else datum_points
+    free = at.ways[0].shape[1] if len(loose) >= 3 else 0
+    if free:
+        network = aligned(at.network, start.point_mm[loose], loose, free == 7)
+        at = _Place(network, structure, whitening, weight)
+    network, equations, ways = at.network, at.equations, at.ways
     normal, right, own = equations.reduced(0.0)
-    inverse = Factor(normal, labels, ways[0]).solve(np.eye(equations.size))
+    inverse = Factor(normal, labels, ways[0]).inverse()
     if converged:
         step = inverse @ right
         network = network.moved(step, equations.back_substituted(step, own))
         network = aligned(network, start.point_mm[loose], loose, free == 7) if free else network
-    cov = Covariance(network, equations, inverse, own, ways, loose)
+    residual_px = network.xy_px - predict(network)
     return Adjustment(
         network=network,
-        cov=cov,
+        cov=Covariance(equations, inverse, own, ways, loose),
         equations=equations,
-        residual_px=_residuals(network),
+        residual_px=residual_px,
         weight=weight,
-        chi2=_chi2(network, whitening, weight),
+        chi2=_chi2(network, np.einsum("nij,nj->ni", whitening, residual_px) * np.sqrt(weight)[:, None]),
         freedom=_freedom(network, equations.size, ways[0].shape[1]),
         steps=steps,
         converged=converged,
     )
+
+
+class _Place:
+    """A network linearised at its values, with its chi-squared there; equations are made when asked for."""
+
+    def __init__(self, network: Network, structure: Structure, whitening: np.ndarray, weight: np.ndarray):
+        self.network, self._structure = network, structure
+        with np.errstate(all="ignore"):
+            self._derivatives = linearise(network, structure, whitening * np.sqrt(weight)[:, None, None])
+        self.chi2 = _chi2(network, self._derivatives.residual)
+
+    @cached_property
+    def equations(self) -> NormalEquations:
+        """The normal equations."""
+        return NormalEquations(self.network, self._structure, self._derivatives)
+
+    @cached_property
+    def ways(self) -> tuple[np.ndarray, np.ndarray]:
+        """The motions that nothing holds."""
+        return open_motions(self.network)
 
 
 def undamped(network: Network, labels: list[str], steps: int) -> Network:
@@ -154,31 +175,22 @@ def undamped(network: Network, labels: list[str], steps: int) -> Network:
     For starts so near the minimum that the problem is almost linear, but where it is weak: there each step of the way
     may raise chi-squared by second-order terms that the next step takes away, and `adjust` would creep.
     """
-    best, least = network, chi2_of(network)
-    structure = Structure.of(network)
-    whitening = np.linalg.inv(np.linalg.cholesky(network.cov_px2))
+    structure, whitening, weight = Structure.of(network), whitening_of(network.cov_px2), np.ones(len(network.point))
     with threadpool_limits(1, "blas"):
+        at = best = _Place(network, structure, whitening, weight)
         for _ in range(steps):
-            equations, ways = _equations(network, structure, whitening, np.ones(len(network.point)))
-            normal, right, inverse = equations.reduced(0.0)
+            normal, right, inverse = at.equations.reduced(0.0)
             try:
-                step = Factor(normal, labels, ways[0]).solve(right)
+                step = Factor(normal, labels, at.ways[0]).solve(right)
             except TestfieldError:  # so far off that nothing is determined there
                 break
-            network = network.moved(step, equations.back_substituted(step, inverse))
-            chi2 = chi2_of(network)
-            if not np.isfinite(chi2):
+            moved = at.network.moved(step, at.equations.back_substituted(step, inverse))
+            at = _Place(moved, structure, whitening, weight)
+            if not np.isfinite(at.chi2):
                 break
-            if chi2 < least:
-                best, least = network, chi2
-    return best
-
-
-def _equations(
-    network: Network, structure: Structure, whitening: np.ndarray, weight: np.ndarray
-) -> tuple[NormalEquations, tuple[np.ndarray, np.ndarray]]:
-    derivatives = linearise(network, structure, whitening * np.sqrt(weight)[:, None, None])
-    return NormalEquations(network, structure, derivatives), open_motions(network)
+            if at.chi2 < best.chi2:
+                best = at
+    return best.network
 
 
 def _datum_points(network: Network) -> np.ndarray:
@@ -217,25 +229,26 @@ def predict(network: Network) -> np.ndarray:
 
 def chi2_of(network: Network) -> float:
     """Chi-squared of a network at its present values, priors and distances included."""
-    whitening = np.linalg.inv(np.linalg.cholesky(network.cov_px2))
-    return _chi2(network, whitening, np.ones(len(network.point)))
+    with np.errstate(all="ignore"):
+        return _chi2(network, _whitened(network, whitening_of(network.cov_px2)))
 
 
-def _residuals(network: Network) -> np.ndarray:
-    return network.xy_px - predict(network)
+def _whitened(network: Network, whitening: np.ndarray) -> np.ndarray:
+    return np.einsum("nij,nj->ni", whitening, network.xy_px - predict(network))
 
 
 def _weights(network: Network, whitening: np.ndarray) -> np.ndarray:
-    size = np.linalg.norm(np.einsum("nij,nj->ni", whitening, _residuals(network)), axis=1)
+    size = np.linalg.norm(_whitened(network, whitening), axis=1)
     return np.minimum(1, HUBER / np.maximum(size, 1e-12))
 
 
-def _chi2(network: Network, whitening: np.ndarray, weight: np.ndarray) -> float:
+def _chi2(network: Network, white: np.ndarray) -> float:
+    """Chi-squared of whitened and weighted residuals (m, 2), priors and distances included."""
     with np.errstate(all="ignore"):
-        white = np.einsum("nij,nj->ni", whitening, _residuals(network))
-        used = np.union1d(network.seen_points, network.kept_points)
+        used = network.information.any(axis=(1, 2))
+        used &= np.isin(np.arange(len(used)), network.kept_points) | network.is_seen
         off = (network.known_mm - network.point_mm)[used]
-        total = (weight[:, None] * white**2).sum() + np.einsum("ni,nij,nj->", off, network.information[used], off)
+        total = (white**2).sum() + np.einsum("ni,nij,nj->", off, network.information[used], off)
         for c in network.cameras:
             total += ((((c.known - c.interior.parameters) / c.u)[c.unknown]) ** 2).sum()
             total += (c.aspect @ c.interior.parameters) ** 2

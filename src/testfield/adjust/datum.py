@@ -59,7 +59,9 @@ def _similarity(network: Network, layout: Layout, centre: np.ndarray) -> tuple[n
         held[6, 6] += 1 / EXACT_MM**2  # boards are made to size
     loose = network.point_board < 0
     by_point[loose] = move(network.point_mm[loose])
-    held += np.einsum("nia,nij,njb->ab", by_point, network.information, by_point)
+    told = np.flatnonzero(network.information.any(axis=(1, 2)))
+    own = by_point[told]
+    held += (np.swapaxes(own, 1, 2) @ network.information[told] @ own).sum(axis=0)
     kept = network.kept_points
     by_reduced[layout.kept :] = by_point[kept].reshape(-1, 7)
     if network.known_members:  # a rig's cameras at stated distances

@@ -152,7 +152,12 @@ class Network:
     @cached_property
     def seen_points(self) -> np.ndarray:
         """Points that appear in an image."""
-        return np.unique(self.point)
+        return np.flatnonzero(self.is_seen)
+
+    @cached_property
+    def is_seen(self) -> np.ndarray:
+        """(n,) whether a point appears in an image."""
+        return np.bincount(self.point, minlength=len(self.point_mm)) > 0
 
     @property
     def scale_free(self) -> bool:

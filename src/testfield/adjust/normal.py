@@ -1,233 +1,163 @@
 """Normal equations, points apart from all other unknowns, and their reduction (Schur complement).
 
 A point appears only in its own observations, so its 3 x 3 block is inverted at once and what remains couples cameras,
-stations, boards and the few points that distances tie together. `across` (n, 3, P) between points and the rest is made
-for some points at a time, so that memory does not grow with the network.
+stations, boards and the few points that distances tie together. The part between points and the rest is made for one
+chunk of points at a time, so that memory does not grow with the network.
 """
 
+from itertools import pairwise
+
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 from scipy.linalg.blas import dsyrk
 
-from testfield.adjust.linear import Derivatives, Structure
-from testfield.adjust.network import EXACT_MM, Network
-from testfield.adjust.side_by_side import side_by_side
+from testfield.adjust.by_point import point_factors, point_rows, point_sums, prediction_rows, take_away
+from testfield.adjust.chunks import Chunk
+from testfield.adjust.factor import mirrored
+from testfield.adjust.groups import Group, Structure
+from testfield.adjust.known import add_distances, add_what_was_known
+from testfield.adjust.linear import Derivatives
+from testfield.adjust.network import Network
+from testfield.adjust.side_by_side import THREADS, side_by_side
 from testfield.errors import TestfieldError
-
-PARTS = 8
-"""At least so many chunks, for as many threads; not the number of cores, or sums would depend on it."""
-CHUNK_NUMBERS = 16_000_000
-"""Numbers of `across` that a thread holds at a time."""
-SINGULAR = 1e-13
-"""Smallest eigenvalue of a reduced normal matrix of unit diagonal that still determines its unknowns."""
 
 
 class NormalEquations:
-    """Normal equations of one linearisation."""
+    """Normal equations of one linearisation: `normal` (P, P) and `right` (P,) of the reduced unknowns, `point_normal`
+    (n, 3, 3) and `point_right` (n, 3) of the points."""
 
-    def __init__(self, network: Network, structure: Structure, derivatives: list[Derivatives]):
+    def __init__(self, network: Network, structure: Structure, derivatives: Derivatives):
         self.structure, self.derivatives = structure, derivatives
-        layout, n = structure.layout, len(network.point_mm)
-        self.size = layout.size
+        self.size = structure.layout.size
         self.normal, self.right = np.zeros((self.size, self.size)), np.zeros(self.size)
-        for group, d in zip(structure.groups, derivatives, strict=True):
-            flat = d.by_unknown.reshape(-1, d.by_unknown.shape[2])
-            self.normal[np.ix_(group.columns, group.columns)] += flat.T @ flat
-            self.right[group.columns] += flat.T @ d.residual.ravel()
-        blocks = [np.zeros((0, 9)), *(d.point_normal.reshape(-1, 9) for d in derivatives)]
-        rights = [np.zeros((0, 3)), *(d.point_right for d in derivatives)]
-        self.point_normal = np.asarray(structure.gather @ np.concatenate(blocks)).reshape(n, 3, 3)
-        self.point_right = np.asarray(structure.gather @ np.concatenate(rights))
-
-        self._add_what_was_known(network)
-        self._add_distances(network)
+        residual = derivatives.residual
+        for group in structure.groups:
+            A = self._flat(group)
+            self.normal[np.ix_(group.columns, group.columns)] += A.T @ A
+            self.right[group.columns] += A.T @ residual[group.here].ravel()
+            if group.kept:
+                self._add_kept(group)
+        self.point_normal, self.point_right = point_sums(
+            structure.first, structure.ray, derivatives.by_point, derivatives.residual
+        )
+        add_what_was_known(self.normal, self.right, structure.layout, network)
+        add_distances(self.normal, self.right, structure.layout, network)
+        told = np.flatnonzero(network.information.any(axis=(1, 2)))
+        self.point_normal[told] += network.information[told]
+        off = (network.known_mm - network.point_mm)[told]
+        self.point_right[told] += np.einsum("nij,nj->ni", network.information[told], off)
         # Points nobody observed, and those kept in the reduced system, stay where they are.
-        idle = np.ones(n, bool)
-        idle[network.seen_points] = False
-        idle[network.kept_points] = True
+        idle = np.diff(structure.first) == 0
         self.point_normal[idle], self.point_right[idle] = np.eye(3), 0
 
-    def _add_what_was_known(self, network: Network) -> None:
-        layout = self.structure.layout
-        for k, camera in enumerate(network.cameras):
-            columns = np.arange(layout.camera[k], layout.camera[k + 1])
-            weight = 1 / camera.u[camera.unknown] ** 2
-            self.normal[columns, columns] += weight
-            self.right[columns] += weight * (camera.known - camera.interior.parameters)[camera.unknown]
-            aspect = camera.aspect[camera.unknown]
-            self.normal[np.ix_(columns, columns)] += np.outer(aspect, aspect)
-            self.right[columns] -= aspect * (camera.aspect @ camera.interior.parameters)
-        if network.known_boards:
-            off = network.known_boards.deviation(network.boards)
-            for b, (ways, weight) in enumerate(zip(network.ways, network.known_boards.information, strict=True)):
-                columns = np.arange(layout.board[b], layout.board[b + 1])
-                self.normal[np.ix_(columns, columns)] += ways.T @ (weight[:, None] * ways)
-                self.right[columns] += ways.T @ (weight * off[b])
-        if network.known_members:
-            off = network.known_members.deviation(network.members[1:]).ravel()
-            weight = network.known_members.information.ravel()
-            columns = layout.member + np.arange(len(off))
-            self.normal[columns, columns] += weight
-            self.right[columns] += weight * off
-        if network.scale_free:
-            self.normal[layout.scale, layout.scale] += 1 / network.u_scale**2
-            self.right[layout.scale] += (1 - network.scale) / network.u_scale**2
-        pull = np.einsum("nij,nj->ni", network.information, network.known_mm - network.point_mm)
-        self.point_normal = self.point_normal + network.information
-        self.point_right = self.point_right + pull
-        for number, point in enumerate(network.kept_points):
-            at = layout.kept + 3 * number + np.arange(3)
-            self.normal[np.ix_(at, at)] += network.information[point]
-            self.right[at] += pull[point]
+    def _flat(self, group: Group) -> np.ndarray:
+        """(2k, p) derivatives of a group's observations by its unknowns."""
+        return self.derivatives.by_unknown[group.here, :, : len(group.columns)].reshape(-1, len(group.columns))
 
-    def _add_distances(self, network: Network) -> None:
-        gap, weight, rows = distance_rows(network, self.structure)
-        for g, w, (columns, values) in zip(gap, weight, rows, strict=True):
-            self.normal[np.ix_(columns, columns)] += w * w * np.outer(values, values)
-            self.right[columns] += w * w * g * values
+    def _add_kept(self, group: Group) -> None:
+        A, B = self._flat(group), self.derivatives.by_point[group.here]
+        own = self.structure.kept_at[group.points][:, None] + np.arange(3)
+        across = np.einsum("kip,kij->pkj", A.reshape(len(B), 2, -1), B).reshape(A.shape[1], -1)
+        self.normal[np.ix_(group.columns, own.ravel())] += across
+        self.normal[np.ix_(own.ravel(), group.columns)] += across.T
+        self.normal[own[:, :, None], own[:, None, :]] += np.swapaxes(B, 1, 2) @ B
+        self.right[own] += np.einsum("kij,ki->kj", B, self.derivatives.residual[group.here])
 
-    def across(self, first: int, last: int) -> np.ndarray:
-        """(last - first, 3, P) of the normal matrix between points and the reduced unknowns."""
-        block = np.zeros((last - first, 3, self.size))
-        for group, d in zip(self.structure.groups, self.derivatives, strict=True):
-            if group.kept:
-                continue
-            a, b = np.searchsorted(group.points, [first, last])
-            if a == b:
-                continue
-            part = np.swapaxes(d.by_point[a:b], 1, 2) @ d.by_unknown[a:b]
-            points = group.points[a:b] - first
-            # Slices are added several times faster than scattered rows and columns.
-            rows = slice(points[0], points[-1] + 1) if points[-1] - points[0] == len(points) - 1 else points
-            start = 0
-            for run in group.column_runs:
-                block[rows, :, run] += part[:, :, start : start + run.stop - run.start]
-                start += run.stop - run.start
-        return block
+    def rows(self, points: np.ndarray, by: np.ndarray, place: np.ndarray, width: int) -> np.ndarray:
+        """(k, 3, width): of k points, `by` (n, 3, 3) of each times its part of the normal matrix with the reduced
+        unknowns, unknown c in column `place[c]`; zero of kept points."""
+        s, d = self.structure, self.derivatives
+        points = np.array(points, np.int64)
+        return np.asarray(
+            point_rows(points, s.first, s.ray, s.group, s.columns, s.count, d.by_unknown, d.by_point, by, place, width)
+        )
 
-    def chunks(self) -> list[tuple[int, int]]:
-        """Ranges of points whose `across` is made at a time, the same on every machine: their sums are in order."""
-        n = len(self.point_normal)
-        step = max(1, min(CHUNK_NUMBERS // (3 * max(self.size, 1)), -(-n // PARTS)))
-        return [(first, min(first + step, n)) for first in range(0, n, step)]
+    def prediction_rows(self, points: np.ndarray, rows: np.ndarray, place: np.ndarray) -> np.ndarray:
+        """(q, 2, u): how the predictions of all observations of k points follow the reduced unknowns when the points
+        follow them by minus `rows` (k, 3, u), unknown c in column `place[c]`."""
+        s, d = self.structure, self.derivatives
+        points = np.array(points, np.int64)
+        return np.asarray(
+            prediction_rows(points, s.first, s.ray, s.group, s.columns, s.count, d.by_unknown, d.by_point, rows, place)
+        )
+
+    def placed(self, chunk: Chunk) -> np.ndarray:
+        """(P,) the column of each unknown in a chunk's matrices."""
+        place = np.zeros(self.size, np.int64)
+        place[chunk.columns] = np.arange(len(chunk.columns))
+        return place
+
+    def to_points(self, step: np.ndarray) -> np.ndarray:
+        """(n, 3): the points' part of the normal matrix times a step (P,) of the reduced unknowns."""
+        answer = np.zeros(self.point_right.shape)
+        for group in self.structure.groups:
+            if not group.kept:
+                change = (self._flat(group) @ step[group.columns]).reshape(-1, 2)
+                answer[group.points] += np.einsum("kij,ki->kj", self.derivatives.by_point[group.here], change)
+        return answer
+
+    def from_points(self, amounts: np.ndarray) -> np.ndarray:
+        """(P, d): the same matrix' transpose times amounts (n, 3, d) of the points."""
+        answer = np.zeros((self.size, amounts.shape[2]))
+        for group in self.structure.groups:
+            if not group.kept:
+                change = self.derivatives.by_point[group.here] @ amounts[group.points]
+                answer[group.columns] += self._flat(group).T @ change.reshape(-1, amounts.shape[2])
+        return answer
 
     def reduced(self, damping: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The reduced normal matrix (P, P), its right side (P,) and the points' inverse blocks (n, 3, 3)."""
-        own = self.point_normal * (1 + damping * np.eye(3))
-        try:
-            # L with L L^T = inverse: the reduction is then a symmetric product.
-            factor = np.linalg.inv(np.linalg.cholesky(own))
-        except np.linalg.LinAlgError as error:
+        # F with F' F = inverse: the reduction is then a symmetric product.
+        factor, inverse, bad = point_factors(self.point_normal, damping)
+        if bad:
             raise TestfieldError(
-                f"{_undetermined(own)} point(s) are not determined by their observations",
+                f"{_undetermined(self.point_normal * (1 + damping * np.eye(3))) or bad} point(s) are not determined by "
+                "their observations",
                 do="a point needs two images from different directions",
-            ) from error
-        inverse = np.swapaxes(factor, 1, 2) @ factor
+            )
         normal = self.normal.copy(order="F")
         normal[np.diag_indices(self.size)] *= 1 + damping
-        right = self.right.copy()
+        own = np.einsum("nij,nj->ni", inverse, self.point_right)
+        right = self.right - self.from_points(own[:, :, None])[:, 0]
+        chunks = self.structure.chunks
+        dense = [chunk for chunk in chunks if chunk.dense]
 
-        def reduction(chunk: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
-            here = slice(*chunk)
-            half = (factor[here] @ self.across(*chunk)).reshape(-1, self.size)
-            own_right = np.einsum("nij,nj->ni", factor[here], self.point_right[here]).ravel()
-            return dsyrk(1.0, half.T), half.T @ own_right
+        def product(chunk: Chunk) -> np.ndarray:
+            width = len(chunk.columns)
+            half = self.rows(chunk.points, factor, self.placed(chunk), width)
+            return np.asarray(dsyrk(1.0, half.reshape(-1, width).T))
 
-        multiplications = 3 * len(self.point_normal) * self.size**2
-        for less, less_right in side_by_side(reduction, self.chunks(), multiplications):
-            normal -= less
-            right -= less_right
+        work = sum(3 * len(chunk.points) * len(chunk.columns) ** 2 for chunk in dense)
+        for chunk, less in zip(dense, side_by_side(product, dense, work), strict=True):
+            if len(chunk.columns) == self.size:
+                normal -= less
+            else:
+                normal[np.ix_(chunk.columns, chunk.columns)] -= less
+        self._take_away([chunk.points for chunk in chunks if not chunk.dense], factor, normal)
         return mirrored(normal), right, inverse
+
+    def _take_away(self, points: list[np.ndarray], factor: np.ndarray, normal: np.ndarray) -> None:
+        """What points that share little with each other take from the upper triangle of `normal`; every element is
+        added up in the order of the points, whoever adds it."""
+        if not points:
+            return
+        s, d, alone = self.structure, self.derivatives, np.concatenate(points)
+        edges = np.unique(np.linspace(0, self.size, THREADS + 1).astype(int)).tolist()
+
+        def part(rows: tuple[int, int]) -> None:
+            take_away(
+                normal.T, *rows, alone, s.first, s.ray, s.group, s.columns, s.count, d.by_unknown, d.by_point, factor
+            )
+
+        for _ in side_by_side(part, list(pairwise(edges)), 3 * len(alone) * 100**2):
+            pass
 
     def back_substituted(self, step: np.ndarray, inverse: np.ndarray) -> np.ndarray:
         """(n, 3) step of the points that goes with a step (P,) of the reduced unknowns."""
-        right = self.point_right.copy()
-        for group, d in zip(self.structure.groups, self.derivatives, strict=True):
-            if not group.kept:
-                change = d.by_unknown @ step[group.columns]
-                right[group.points] -= np.einsum("nij,ni->nj", d.by_point, change)
-        return np.einsum("nij,nj->ni", inverse, right)
+        return np.einsum("nij,nj->ni", inverse, self.point_right - self.to_points(step))
 
     def relative_size(self, step: np.ndarray) -> float:
         """The largest step in units of what its unknown's own observations resolve."""
         return float(np.abs(step * np.sqrt(np.diag(self.normal))).max(initial=0))
-
-
-def distance_rows(
-    network: Network, structure: Structure
-) -> tuple[np.ndarray, np.ndarray, list[tuple[np.ndarray, np.ndarray]]]:
-    """Residuals (d,) of the distances, their weights' square roots, and each one's columns with derivatives."""
-    layout, ends = structure.layout, network.distances.ends
-    place = {int(point): k for k, point in enumerate(network.kept_points)}
-    at = network.datum_mm(ends.ravel()).reshape(-1, 2, 3)
-    difference = at[:, 0] - at[:, 1]
-    length = np.linalg.norm(difference, axis=1)
-    direction = difference / np.maximum(length, 1e-300)[:, None]
-    rows = []
-    for pair, d, where in zip(ends, direction, at, strict=True):
-        total = np.zeros(layout.size)
-        for point, sign, x in zip(pair, (1.0, -1.0), where, strict=True):
-            board, toward = network.point_board[point], sign * d
-            if board >= 0:
-                lever = x - network.boards.t_mm[board]
-                six = np.concatenate([np.cross(lever, toward), toward])
-                total[layout.board[board] : layout.board[board + 1]] += six @ network.ways[board]
-                if network.scale_free:
-                    total[layout.scale] += toward @ lever / network.scale
-                toward = network.scale * toward @ network.boards.R[board]
-            first = layout.kept + 3 * place[int(point)]
-            total[first : first + 3] += toward
-        columns = np.flatnonzero(total)
-        rows.append((columns, total[columns]))
-    return network.distances.length_mm - length, 1 / np.maximum(network.distances.u_mm, EXACT_MM), rows
-
-
-class Factor:
-    """Cholesky factor of a reduced normal matrix at unit diagonal, the directions that the datum leaves open (P, d)
-    held still; a singular one is an error that names its unknowns."""
-
-    def __init__(self, normal: np.ndarray, labels: list[str], open_ways: np.ndarray | None = None):
-        own = np.diag(normal)
-        self.scale = 1 / np.sqrt(np.where(own > 0, own, 1))  # nothing is known where the diagonal is not positive
-        unit = normal * self.scale[:, None] * self.scale[None, :]
-        if open_ways is not None and open_ways.shape[1]:
-            basis = np.linalg.qr(open_ways / self.scale[:, None])[0]
-            unit = unit + basis @ basis.T
-        if not np.isfinite(unit).all():
-            raise TestfieldError(
-                "the adjustment runs away: its equations are no finite numbers",
-                "observations",
-                "check that images, boards and points are named as they are",
-            )
-        try:
-            self.factor = cho_factor(unit)
-            sound = float(np.min(np.abs(np.diag(self.factor[0])), initial=1)) ** 2 > SINGULAR
-        except np.linalg.LinAlgError:
-            sound = False
-        if not sound:
-            values, vectors = np.linalg.eigh(unit)
-            weak = np.abs(vectors[:, : max(1, int((values < 1e-12).sum()))]).max(axis=1, initial=0)
-            named = [labels[k] for k in np.argsort(-weak)[:6] if weak[k] > 0.1]
-            raise TestfieldError(
-                f"the observations do not determine {', '.join(named) or 'all unknowns'}",
-                do="add stations with other directions and roll, or hold a lens parameter (measure.hold)",
-            )
-
-    def solve(self, right: np.ndarray) -> np.ndarray:
-        """The solution for right sides (P,) or (P, q)."""
-        scale = self.scale if right.ndim == 1 else self.scale[:, None]
-        return scale * cho_solve(self.factor, scale * right)
-
-
-def mirrored(upper: np.ndarray) -> np.ndarray:
-    """A symmetric matrix of which only the upper triangle was made, completed in place."""
-    step = 256
-    for first in range(0, len(upper), step):
-        here = slice(first, first + step)
-        upper[here, :first] = upper[:first, here].T
-        block = upper[here, here]
-        upper[here, here] = np.triu(block) + np.triu(block, 1).T
-    return upper
 
 
 def _undetermined(own: np.ndarray) -> int:

@@ -6,7 +6,8 @@ import numpy as np
 from scipy.linalg import rq
 
 from testfield.adjust.bundle import adjust
-from testfield.adjust.linear import Structure, linearise
+from testfield.adjust.groups import Structure
+from testfield.adjust.linear import linearise, whitening_of
 from testfield.adjust.network import HELD, Camera, Distances, Images, Network, information_of
 from testfield.adjust.normal import NormalEquations
 from testfield.calibrate.calibration import Calibration
@@ -208,7 +209,7 @@ def _covariance(
     """Covariance of camera, stations, boards and scale: the camera's own, the stations' with what pixels and camera
     leave unknown, the boards' and the scale's from the sheet."""
     structure = Structure.of(network)
-    variance = np.linalg.inv(np.linalg.cholesky(network.cov_px2))
+    variance = whitening_of(network.cov_px2)
     normal = NormalEquations(network, structure, linearise(network, structure, variance)).normal
     s = 6 * len(stations)
     pose = np.linalg.inv(normal[4:, 4:])

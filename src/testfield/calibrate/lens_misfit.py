@@ -26,9 +26,11 @@ from scipy.optimize import minimize_scalar
 
 from testfield.adjust.bundle import chi2_of, undamped
 from testfield.adjust.datum import open_motions
-from testfield.adjust.linear import Structure, linearise
+from testfield.adjust.factor import Factor
+from testfield.adjust.groups import Structure
+from testfield.adjust.linear import linearise, whitening_of
 from testfield.adjust.network import Camera, Layout, Network
-from testfield.adjust.normal import Factor, NormalEquations
+from testfield.adjust.normal import NormalEquations
 from testfield.camera.interior import MODE, Interior
 from testfield.camera.smooth_field import mean_squares
 
@@ -150,7 +152,7 @@ def _seen(network: Network, labels: list[str]) -> _Seen:
     functions = _functions()
     wide, q = _with_modes(network, functions, np.inf), len(functions)
     structure = Structure.of(wide)
-    whitening = np.linalg.inv(np.linalg.cholesky(wide.cov_px2))
+    whitening = whitening_of(wide.cov_px2)
     equations = NormalEquations(wide, structure, linearise(wide, structure, whitening))
     normal, right, own_inverse = equations.reduced(0.0)
     end = int(Layout.of(wide).camera[1])

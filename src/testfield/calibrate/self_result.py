@@ -7,8 +7,8 @@ import numpy as np
 
 from testfield.adjust.bundle import Adjustment
 from testfield.adjust.datum import open_motions
+from testfield.adjust.factor import Factor
 from testfield.adjust.network import Network
-from testfield.adjust.normal import Factor
 from testfield.adjust.weakness import weak_unknowns
 from testfield.calibrate.calibration import Calibration, point_label
 from testfield.calibrate.certificates import Tested
@@ -29,7 +29,7 @@ def doubts_of(job: Job, adjustment: Adjustment) -> list[str]:
         notes.append(f"the bundle had not converged after {adjustment.steps} steps")
     labels = job.labels
     normal = adjustment.equations.reduced(0.0)[0]
-    inverse = Factor(normal, labels, open_motions(adjustment.network)[0]).solve(np.eye(len(normal)))
+    inverse = Factor(normal, labels, open_motions(adjustment.network)[0]).inverse()
     own = [k for k, label in enumerate(labels) if not label.startswith(MODE)]
     notes += weak_unknowns(inverse[np.ix_(own, own)], [labels[k] for k in own])
     rays = np.bincount(adjustment.network.point, minlength=len(job.ties.code))
