@@ -245,8 +245,8 @@ def _weights(network: Network, whitening: np.ndarray) -> np.ndarray:
 def _chi2(network: Network, white: np.ndarray) -> float:
     """Chi-squared of whitened and weighted residuals (m, 2), priors and distances included."""
     with np.errstate(all="ignore"):
-        used = network.information.any(axis=(1, 2))
-        used &= np.isin(np.arange(len(used)), network.kept_points) | network.is_seen
+        told = np.flatnonzero(network.information.any(axis=(1, 2)))
+        used = told[network.is_seen[told] | np.isin(told, network.kept_points)]
         off = (network.known_mm - network.point_mm)[used]
         total = (white**2).sum() + np.einsum("ni,nij,nj->", off, network.information[used], off)
         for c in network.cameras:

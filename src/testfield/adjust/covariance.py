@@ -2,8 +2,8 @@
 
 With z the deviations of the reduced unknowns and Y = (points' blocks)^-1 x across, the points' deviations are their
 own, with covariance (points' blocks)^-1, less Y z. Open motions H are taken away by x - H m, m = K x_J, where K makes
-the chosen points J stand still on the whole. So z and m together, with covariance C, are all that points share: a point's
-deviation is its own less (Y, H) times them, of which its own and m have the covariance `pull`.
+the chosen points J stand still on the whole. So z and m together, with covariance C, are all that points share: the
+deviation of a point is its own less (Y, H) times them, of which its own and m have the covariance `pull`.
 """
 
 import numpy as np
