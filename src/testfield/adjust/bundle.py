@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from testfield.adjust.covariance import Covariance
 from testfield.adjust.datum import aligned, open_motions
@@ -19,6 +18,7 @@ from testfield.adjust.network import EXACT_MM, Network
 from testfield.adjust.normal import NormalEquations
 from testfield.camera.project import project_unchecked
 from testfield.errors import TestfieldError
+from testfield.store.threads import one_blas_thread
 
 MOST_STEPS = 60
 NEGLIGIBLE = 1e-2
@@ -64,7 +64,7 @@ class Adjustment:
         """(m, 2, 2) redundancy matrices of the whitened observations; their traces sum to the freedom that the images
         have. Near zero: an error of this observation shows in no residual."""
         answer = np.empty((len(self.residual_px), 2, 2))
-        with threadpool_limits(1, "blas"):  # the same digits whatever the number of threads
+        with one_blas_thread():  # the same digits whatever the number of threads
             answer[self.equations.structure.order] = np.eye(2) - self.cov.of_predictions()
         return answer
 
@@ -83,7 +83,7 @@ def adjust(
     deviations less weight (Huber 1964). Raises `TestfieldError` where the observations do not determine all unknowns,
     naming those that are loose.
     """
-    with threadpool_limits(1, "blas"):  # many small products: BLAS' own threads would only wait for each other
+    with one_blas_thread():  # many small products: BLAS' own threads would only wait for each other
         found = _adjust(network, labels, robust, datum_points, most_steps)
         if found.converged or robust or most_steps == 0:
             return found
@@ -176,7 +176,7 @@ def undamped(network: Network, labels: list[str], steps: int) -> Network:
     may raise chi-squared by second-order terms that the next step takes away, and `adjust` would creep.
     """
     structure, whitening, weight = Structure.of(network), whitening_of(network.cov_px2), np.ones(len(network.point))
-    with threadpool_limits(1, "blas"):
+    with one_blas_thread():
         at = best = _Place(network, structure, whitening, weight)
         for _ in range(steps):
             normal, right, inverse = at.equations.reduced(0.0)

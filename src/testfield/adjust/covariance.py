@@ -13,7 +13,7 @@ from testfield.adjust.normal import NormalEquations
 from testfield.adjust.side_by_side import side_by_side
 from testfield.store.threads import one_blas_thread
 
-TILE = 512
+TILE = 256
 """Rows and columns of a large product that are made at a time, the same on every machine."""
 BLOCK_NUMBERS = 2_000_000
 """Numbers of a chunk's matrices that a thread holds at a time."""
@@ -220,11 +220,12 @@ def product_of_symmetric(left: np.ndarray, right: np.ndarray) -> np.ndarray:
 
     def fill(tile: tuple[tuple[int, int], tuple[int, int]]) -> None:
         (a, b), (c, e) = tile
-        part = left[a:b] @ right[c:e].T
+        part = answer[a:b, c:e]
+        np.matmul(left[a:b], right[c:e].T, out=part)
         if a == c:
-            part = 0.5 * (part + part.T)
-        answer[a:b, c:e] = part
-        answer[c:e, a:b] = part.T
+            part[:] = 0.5 * (part + part.T)
+        else:
+            answer[c:e, a:b] = part.T
 
     tiles = [(rows, columns) for k, rows in enumerate(edges) for columns in edges[k:]]
     for _ in side_by_side(fill, tiles, q * q // 2 * left.shape[1]):

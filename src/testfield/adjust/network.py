@@ -275,6 +275,8 @@ def information_of(u_mm: np.ndarray) -> np.ndarray:
 
 
 def _turned(poses: Poses, step: np.ndarray) -> Poses:
+    if not step.any():
+        return poses
     return Poses(rotation(step[:, :3]) @ poses.R, poses.t_mm + step[:, 3:])
 
 

@@ -126,18 +126,33 @@ def jacobian_xy(model: LensModel, xy: np.ndarray, c: np.ndarray) -> np.ndarray:
 def image_of_rays(model: LensModel, rays: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Displaced coordinates (..., 2) of rays (..., 3), their derivatives (..., 2, 3) by the rays, and which of them
     (...,) lie in the lens' domain: before the camera and where the model has not folded back."""
+    image, by_rays = formula_of_rays(model, rays, c)
     x, y, z = np.moveaxis(rays, -1, 0)
     with np.errstate(all="ignore"):
         if model.last_angle is not None:
+            return image, by_rays, np.arctan2(np.hypot(x, y), z) < model.last_angle(c)
+        (ux, uy), (vx, vy) = np.moveaxis(by_rays[..., :2], (-2, -1), (0, 1)) * z
+        good = (z > 0) & (np.hypot(x / z, y / z) < model.reach(c)) & (ux * vy - uy * vx > 0)
+    return image, by_rays, good
+
+
+def formula_of_rays(model: LensModel, rays: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Displaced coordinates (..., 2) of rays (..., 3) and their derivatives (..., 2, 3), whatever the formula gives."""
+    x, y, z = rays[..., 0], rays[..., 1], rays[..., 2]
+    image, by_rays = np.empty((*rays.shape[:-1], 2)), np.empty((*rays.shape[:-1], 2, 3))
+    with np.errstate(all="ignore"):
+        if model.by_angle:
             u, v, ux, uy, vx, vy, uz, vz = model.image(x, y, c, NUMPY, z)
-            good = np.arctan2(np.hypot(x, y), z) < model.last_angle(c)
         else:
-            u, v, ux, uy, vx, vy = model.image(x / z, y / z, c, NUMPY)
-            good = (z > 0) & (np.hypot(x / z, y / z) < model.reach(c)) & (ux * vy - uy * vx > 0)
-            ux, uy, vx, vy = ux / z, uy / z, vx / z, vy / z
-            uz, vz = -(ux * x + uy * y) / z, -(vx * x + vy * y) / z
-    by_rays = np.stack([np.stack([ux, uy, uz], -1), np.stack([vx, vy, vz], -1)], -2)
-    return np.stack([u, v], axis=-1), by_rays, good
+            x, y = x / z, y / z
+            u, v, *slopes = model.image(x, y, c, NUMPY)
+            ux, uy, vx, vy = (slope / z for slope in slopes)
+            uz, vz = -(ux * x + uy * y), -(vx * x + vy * y)
+    image[..., 0], image[..., 1] = u, v
+    for axis, slopes in enumerate(((ux, uy, uz), (vx, vy, vz))):
+        for k, slope in enumerate(slopes):
+            by_rays[..., axis, k] = slope
+    return image, by_rays
 
 
 def rays_of_image(model: LensModel, displaced: np.ndarray, c: np.ndarray) -> np.ndarray:

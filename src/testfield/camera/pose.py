@@ -7,9 +7,11 @@ import numpy as np
 
 def cross_matrix(v: np.ndarray) -> np.ndarray:
     """(..., 3) to (..., 3, 3) with `cross_matrix(a) @ b == np.cross(a, b)`."""
-    zero = np.zeros_like(v[..., 0])
+    answer = np.zeros((*v.shape, 3), np.result_type(v, float))
     x, y, z = v[..., 0], v[..., 1], v[..., 2]
-    return np.stack([np.stack([zero, -z, y], -1), np.stack([z, zero, -x], -1), np.stack([-y, x, zero], -1)], -2)
+    answer[..., 0, 1], answer[..., 0, 2], answer[..., 1, 2] = -z, y, -x
+    answer[..., 1, 0], answer[..., 2, 0], answer[..., 2, 1] = z, -y, x
+    return answer
 
 
 def rotation(vector: np.ndarray) -> np.ndarray:

@@ -42,7 +42,7 @@ class ProjectionJacobian:
 def project_unchecked(interior: Interior, camera_mm: np.ndarray) -> np.ndarray:
     """Pixels (n, 2) of points (n, 3) in the camera frame, without the domain check of `project`: what an adjustment
     predicts."""
-    distorted = lens.image_of_rays(interior.lens, camera_mm, interior.coefficients)[0]
+    distorted = lens.formula_of_rays(interior.lens, camera_mm, interior.coefficients)[0]
     uv = distorted * interior.parameters[:2] + interior.parameters[2:4]
     return uv if interior.modes_px is None else uv + interior.displacement(uv)
 
@@ -51,7 +51,7 @@ def camera_jacobian(interior: Interior, camera_mm: np.ndarray) -> tuple[np.ndarr
     """Pixels (n, 2) of points (n, 3) in the camera frame, their derivatives (n, 2, p) by the interior orientation's
     parameters and (n, 2, 3) by the points; without the domain check of `project`: for points known to be in view."""
     c, focal = interior.coefficients, interior.parameters[:2]
-    distorted, by_rays, _ = lens.image_of_rays(interior.lens, camera_mm, c)
+    distorted, by_rays = lens.formula_of_rays(interior.lens, camera_mm, c)
     uv = distorted * focal + interior.parameters[2:4]
 
     by_interior = np.zeros((len(uv), 2, len(interior.parameters)))
