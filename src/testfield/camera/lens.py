@@ -149,9 +149,8 @@ def formula_of_rays(model: LensModel, rays: np.ndarray, c: np.ndarray) -> tuple[
             ux, uy, vx, vy = (slope / z for slope in slopes)
             uz, vz = -(ux * x + uy * y), -(vx * x + vy * y)
     image[..., 0], image[..., 1] = u, v
-    for axis, slopes in enumerate(((ux, uy, uz), (vx, vy, vz))):
-        for k, slope in enumerate(slopes):
-            by_rays[..., axis, k] = slope
+    for k, (of_u, of_v) in enumerate(((ux, vx), (uy, vy), (uz, vz))):
+        by_rays[..., 0, k], by_rays[..., 1, k] = of_u, of_v
     return image, by_rays
 
 
