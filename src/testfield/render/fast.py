@@ -7,6 +7,7 @@ motion are means over a few sharp pictures (`shots.py`). There is no Monte Carlo
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,9 +18,10 @@ from testfield.render.device_maths import DeviceTwist, Rays, opaque, opaque_floa
 from testfield.render.edges import BORDER, EDGE, edge_pixels
 from testfield.render.fetch import fetch
 from testfield.render.irradiance import Irradiance, IrradianceSum
+from testfield.render.lattice import smooth_pixels
 from testfield.render.mesh_light import MeshLookup
 from testfield.render.points import flash_sources, light_from, room_sources
-from testfield.render.psf import point_spread
+from testfield.render.psf import MOSTLY, point_spread
 from testfield.render.shade import shade
 from testfield.render.shots import shots
 from testfield.render.stage import Stage
@@ -30,7 +32,7 @@ CELLS_A_PASS = 18_000_000
 FINER = 2
 """Cells at a border are divided into this many parts each way, with a ray each: what a ray meets has no coverage."""
 PARTS = 2
-"""A cell's footprint is divided into this many parts each way where it meets a mark."""
+"""A cell is divided into this many parts each way where it meets a mark, each with a footprint of its own."""
 
 
 def render_fast(
@@ -56,14 +58,13 @@ def render_fast(
     cells, margin = spread.cells, spread.margin
     view = _View(stage, light, station, bounce)
     edges = edge_pixels(world, light.direct, station, exposure, margin)
-    # A wide point spread needs a margin above and below each strip: no strip is so low that margins are most of it.
-    strip = max(CELLS_A_PASS // (cells**2 * (width + 2 * margin)) - 2 * margin, 2 * margin, 1)
+    strip = _strip(edges, cells, margin)
     strips = -(-height // strip)
     strip = -(-height // strips)
     values = np.empty((height, width), np.float32)
     for top in range(0, height, strip):
         part = edges[top : top + strip + 2 * margin]
-        smooth = np.zeros(part.shape, np.float32) if part.all() else view.smooth(part.shape, top - margin, -margin)
+        smooth = smooth_pixels(partial(view.middles, top - margin, -margin), part > 0)
         row, column = np.nonzero(part)
         fine = np.empty((len(row), cells**2), np.float32)
         for kind, finer in ((EDGE, 1), (BORDER, max(1, round(FINER / np.sqrt(len(exposure)))))):
@@ -72,6 +73,18 @@ def render_fast(
         values[top : top + strip] = spread.blurred(smooth, row, column, fine)
         progress(1 / strips)
     return Radiance(world.station_name[station], values)
+
+
+def _strip(edges: np.ndarray, cells: int, margin: int) -> int:
+    """Rows of the image in one pass. Each pass costs time of its own, so it takes all the cells there is room for."""
+    height, width = edges.shape
+    inside = height - 2 * margin
+    crossed = np.count_nonzero(edges)
+    # Where most pixels are crossed, all are divided (`PointSpread.blurred`).
+    count = edges.size * cells**2 if crossed > MOSTLY * edges.size else edges.size + crossed * cells**2
+    passes = -(-count // CELLS_A_PASS)
+    # A wide point spread needs a margin above and below each strip: no strip is so low that margins are most of it.
+    return max(inside // passes, 2 * margin, 1)
 
 
 class _View:
@@ -86,15 +99,14 @@ class _View:
         self.vignetting = Vignetting(stage.world) if vignettes(stage.world) else None
         self.target = DeviceTwist(stage.world.motion.target) if stage.world.motion.target.moves else None
 
-    def smooth(self, shape: tuple[int, int], top: int, left: int) -> np.ndarray:
-        """(rows, columns) radiance in the middles of pixels from (left, top) on, in the middle of the exposure."""
+    def middles(self, top: int, left: int, row: np.ndarray, column: np.ndarray) -> np.ndarray:
+        """(k,) radiance in the middles of pixels at `row`, `column` (k,) from (left, top) on, in the middle of the
+        exposure."""
+        if not len(row):
+            return np.zeros(0, np.float32)
         mi = mitsuba()
-        import drjit as dr
-
-        index = dr.arange(mi.UInt32, shape[0] * shape[1])
-        row, column = index // opaque(shape[1]), index % opaque(shape[1])
-        x_px, y_px = mi.Float(column) + opaque_float(left), mi.Float(row) + opaque_float(top)
-        return fetch(self._radiance(x_px, y_px, np.zeros(3), 1, 1)).reshape(shape)
+        y_px, x_px = (mi.Float((at + start).astype(np.float32)) for at, start in ((row, top), (column, left)))
+        return fetch(self._radiance(x_px, y_px, np.zeros(3), 1, 1))
 
     def cells(self, exposure: np.ndarray, row: np.ndarray, column: np.ndarray, cells: int, finer: int) -> np.ndarray:
         """(k, cells^2) mean radiance over all shots of each cell, row by row, of pixels at `row`, `column` (k,); a cell
@@ -114,7 +126,7 @@ class _View:
             across, down = cell % cells * finer + part % finer, cell // cells * finer + part // finer
             x_px = dr.gather(mi.Float, left, pixel) + ((mi.Float(across) + 0.5) / (cells * finer) - 0.5)
             y_px = dr.gather(mi.Float, top, pixel) + ((mi.Float(down) + 0.5) / (cells * finer) - 0.5)
-            radiance = self._radiance(x_px, y_px, shot, cells * finer, PARTS)
+            radiance = self._radiance(x_px, y_px, shot, cells * finer, max(1, PARTS // finer))
             radiance = dr.block_sum(radiance, parts) if parts > 1 else radiance
             total = total + radiance if len(exposure) > 1 else radiance
             dr.eval(total)
