@@ -59,7 +59,7 @@ def test_light_that_bows_more_is_seen_pixel_by_pixel() -> None:
 
 
 def test_nothing_is_carried_across_what_an_edge_crosses() -> None:
-    """Dark discs on light ground, an outline around each: one that the nodes do not even see is crossed all the same."""
+    """Dark discs on light ground, outlined: one that no node sees is crossed all the same."""
     row, column = np.indices(SHAPE)
     off = np.hypot(row - 61, column - 77), np.hypot(row - 130.6, column - 202.4) - 40
     disc = (off[0] < 1.3) | (off[1] < 0)

@@ -901,6 +901,7 @@ STUDIES = [
         UNMEASURED,
     ),
 ]
+LATTICE = "tests/test_lattice.py"
 SMOOTH = "tests/test_smooth_pixels.py::test_one_ray_where_no_edge_is_loses_nothing[dots and rings]"
 ANY_SIZE = "tests/test_smooth_pixels.py::test_an_outline_of_any_size_marks_all_pixels_that_it_passes[40.0]"
 SHAKEN = "tests/test_smooth_pixels.py::test_one_ray_where_no_edge_is_loses_nothing[defocus]"
@@ -939,10 +940,31 @@ RENDERING = [
     Defect("a sharp shadow is smooth", "_kinked", "kink > 2 * steps", "kink < 0 * steps", SHARP),
     Defect(
         "what an edge's pixel sends aside is left out",
-        "PointSpread.blurred",
-        "flat[at - d] += share",
-        "flat[at - d] += 0 * share",
+        "_send",
+        "image[row[k] - down, column[k] - d] += total",
+        "image[row[k] - down, column[k] - d] += 0 * total",
         SMOOTH,
+    ),
+    Defect(
+        "light between rays is straight however it bows",
+        "_even",
+        "np.maximum(__a__, __b__) <= BOW * __c__",
+        "np.maximum(__a__, __b__) < np.inf",
+        f"{LATTICE}::test_light_that_bows_more_is_seen_pixel_by_pixel",
+    ),
+    Defect(
+        "light is straight on the brightest lamp's scale",
+        "_even",
+        "BOW * nodes[1:-1, 1:-1]",
+        "BOW * nodes.max()",
+        f"{LATTICE}::test_a_lamp_in_view_makes_nothing_else_coarser",
+    ),
+    Defect(
+        "light is carried across an edge between rays",
+        "smooth_pixels",
+        "_even(nodes) & ~__crossed__",
+        "_even(nodes)",
+        f"{LATTICE}::test_nothing_is_carried_across_what_an_edge_crosses",
     ),
     Defect("gaps run on to whichever panel comes last", "ask", "dr.minimum(ahead, a)", "a", ONCE),
     Defect(

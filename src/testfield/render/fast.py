@@ -1,9 +1,10 @@
 """The fast renderer: exact edges under known light.
 
-A pixel that an edge may cross (`edges.py`) is divided into n x n cells, another sees one ray. A ray finds the panel it
-falls on; the marks' coverage of a cell's footprint is integrated in closed form, and the panel's irradiance, computed
-once a world, shades it. The optics' blur and the pixel's area are one weighting of the cells (`psf.py`); defocus and
-motion are means over a few sharp pictures (`shots.py`). There is no Monte Carlo noise.
+A pixel that an edge may cross (`edges.py`) is divided into n x n cells, another sees one ray or lies between some
+(`lattice.py`). A ray finds the panel it falls on; the marks' coverage of a cell's footprint is integrated in closed
+form, and the panel's irradiance, computed once a world, shades it. The optics' blur and the pixel's area are one
+weighting of the cells (`psf.py`); defocus and motion are means over a few sharp pictures (`shots.py`). There is no
+Monte Carlo noise.
 """
 
 from collections.abc import Callable
@@ -14,7 +15,7 @@ import numpy as np
 
 from testfield.camera.images import Radiance
 from testfield.render.camera_plugin import CameraRays
-from testfield.render.device_maths import DeviceTwist, Rays, opaque, opaque_float
+from testfield.render.device_maths import DeviceTwist, Rays, opaque_float
 from testfield.render.edges import BORDER, EDGE, edge_pixels
 from testfield.render.fetch import fetch
 from testfield.render.irradiance import Irradiance, IrradianceSum
@@ -77,8 +78,7 @@ def render_fast(
 
 def _strip(edges: np.ndarray, cells: int, margin: int) -> int:
     """Rows of the image in one pass. Each pass costs time of its own, so it takes all the cells there is room for."""
-    height, width = edges.shape
-    inside = height - 2 * margin
+    inside = len(edges) - 2 * margin
     crossed = np.count_nonzero(edges)
     # Where most pixels are crossed, all are divided (`PointSpread.blurred`).
     count = edges.size * cells**2 if crossed > MOSTLY * edges.size else edges.size + crossed * cells**2
