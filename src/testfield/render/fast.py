@@ -79,7 +79,7 @@ def render_fast(
 def _strip(edges: np.ndarray, cells: int, margin: int) -> int:
     """Rows of the image in one pass. Each pass costs time of its own, so it takes all the cells there is room for."""
     inside = len(edges) - 2 * margin
-    crossed = np.count_nonzero(edges)
+    crossed = int(np.count_nonzero(edges))
     # Where most pixels are crossed, all are divided (`PointSpread.blurred`).
     count = edges.size * cells**2 if crossed > MOSTLY * edges.size else edges.size + crossed * cells**2
     passes = -(-count // CELLS_A_PASS)
