@@ -69,19 +69,20 @@ def residual_map(calibration: Calibration) -> bytes:
         (np.arange(rows * columns) // columns + 0.5) * cell,
     )
     enough &= np.isfinite(mean).all(axis=1)
-    unit = _round_up(np.percentile(np.linalg.norm(mean[enough], axis=1), 90)) if enough.any() else 0.01
     with figure(6.1, 6.1 * interior.height_px / interior.width_px + 0.55) as (drawing, axes):
-        arrows = axes.quiver(
-            x[enough],
-            y[enough],
-            *mean[enough].T,
-            angles="xy",
-            scale_units="xy",
-            scale=unit / cell,
-            color=ACCENT,
-            width=0.0028,
-        )
-        axes.quiverkey(arrows, 0.86, 1.03, unit, f"{unit:g} px", labelpos="E")
+        if enough.any():
+            unit = _round_up(np.percentile(np.linalg.norm(mean[enough], axis=1), 90))
+            arrows = axes.quiver(
+                x[enough],
+                y[enough],
+                *mean[enough].T,
+                angles="xy",
+                scale_units="xy",
+                scale=unit / cell,
+                color=ACCENT,
+                width=0.0028,
+            )
+            axes.quiverkey(arrows, 0.86, 1.03, unit, f"{unit:g} px", labelpos="E")
         axes.set_xlim(0, interior.width_px)
         axes.set_ylim(interior.height_px, 0)
         axes.set_aspect("equal")

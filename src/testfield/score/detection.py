@@ -1,7 +1,7 @@
 """Detections against the truth: expected, found, missed and why, false, wrong; and the centres' errors."""
 
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -34,12 +34,13 @@ class DetectionScore:
     wrong_code: np.ndarray
     wrong_dot: np.ndarray
     false: np.ndarray
-    dirty: np.ndarray = field(default_factory=lambda: np.zeros((1, 1), bool))
+    dirty: np.ndarray
 
     def card(self) -> dict:
         """The figures under their stable keys."""
         expected, found = int(self.expected.sum()), int((self.expected & self.found).sum())
-        bias = self.error_px.mean(axis=0) if len(self.error_px) else np.full(2, np.nan)
+        any_px = self.error_px if len(self.error_px) else np.full((1, 2), np.nan)
+        bias = any_px.mean(axis=0)
         stated = self.nees[np.isfinite(self.nees)]
         return {
             "expected": expected,
@@ -53,7 +54,7 @@ class DetectionScore:
             "wrong_code": len(self.wrong_code),
             "wrong_dot": len(self.wrong_dot),
             "measured": len(self.row),
-            "centre_rms_px": float(np.sqrt((self.error_px**2).mean())),
+            "centre_rms_px": float(np.sqrt((any_px**2).mean())),
             "centre_bias_px": float(np.hypot(*bias)),
             "centre_bias_x_px": float(bias[0]),
             "centre_bias_y_px": float(bias[1]),
