@@ -22,14 +22,15 @@ mutants: setup
 # Defects that cosmic-ray knows, over the rooms that score, judge and key: the DRAWth sample of SAMPLE, in a copy.
 SAMPLE = 300
 DRAW = 0
+JOBS = 2
+MUTATE = OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 PYTHONPATH=src PATH="$$PWD/../.venv/bin:$$PATH"
 mutation: setup
 	.venv/bin/python -m pip install --quiet --disable-pip-version-check -c .ci/constraints.txt -e '.[mutation]'
 	rm -rf .mutation && mkdir .mutation && cp -r src tests scenes pyproject.toml Makefile .mutation/
-	mkdir .mutation/sound && cp -r src .mutation/sound/
 	cd .mutation && ../.venv/bin/cosmic-ray init pyproject.toml session.sqlite
 	cd .mutation && ../.venv/bin/python tests/mutants/sample.py session.sqlite $(SAMPLE) $(DRAW)
-	cd .mutation && OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 PYTHONPATH=src PATH="$$PWD/../.venv/bin:$$PATH" python tests/mutants/narrow.py map
-	cd .mutation && OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 PYTHONPATH=src PATH="$$PWD/../.venv/bin:$$PATH" cosmic-ray exec pyproject.toml session.sqlite
+	cd .mutation && $(MUTATE) python tests/mutants/narrow.py
+	cd .mutation && $(MUTATE) python tests/mutants/mutate.py session.sqlite $(JOBS)
 	cd .mutation && ../.venv/bin/cr-report session.sqlite --surviving-only --show-diff
 	cd .mutation && ../.venv/bin/cr-rate session.sqlite --fail-over 10
 
