@@ -16,7 +16,7 @@ from pathlib import Path
 
 TESTS = (
     *sorted(str(path) for path in Path("tests").glob("test_*_by_hand.py")),
-    *(f"tests/test_{name}.py" for name in ("accept", "consistency", "keys", "mother_board", "seeds")),
+    *(f"tests/test_{name}.py" for name in ("accept", "consistency", "keys", "mother_board", "seeds", "statistics")),
 )
 SLOW = ("--deselect", "tests/test_accept.py::test_a_run_without_measuring_lines_is_tested_on_its_check_targets")
 OPTIONS = ("-x", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", "-W", "error::RuntimeWarning", *SLOW)

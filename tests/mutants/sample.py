@@ -4,15 +4,20 @@ All of them take days; a share of a few hundred tells the rate of those that are
 survivors have become tests tells that rate no longer: the next one does.
 
 Types are not drawn: `X | None` turned into `X + None` ends the import, or is never evaluated, and tells nothing of the
-tests either way.
+tests either way. Nor is what is no Python, as `f(^arguments)`: any test at all would see it.
 """
 
 import ast
+import json
 import random
 import sqlite3
 import sys
 from functools import cache
+from itertools import islice
 from pathlib import Path
+
+from cosmic_ray.mutating import mutate_code
+from cosmic_ray.plugins import get_operator
 
 Span = tuple[tuple[int, int], tuple[int, int]]
 """Line and column where something begins, and where it ends."""
@@ -28,11 +33,25 @@ def main(session: str, count: int, draw: int) -> None:
         ):
             inside = any(a <= tuple(span[:2]) and tuple(span[2:]) <= b for a, b in types_in(path))
             (of_types if inside else jobs).append(job)
-        kept = set(random.Random(draw).sample(jobs, min(count, len(jobs))))
+        random.Random(draw).shuffle(jobs)
+        kept = set(islice((job for job in jobs if is_python(database, job)), count))
         gone = [(job,) for job in jobs + of_types if job not in kept]
         for table in ("mutation_specs", "work_items"):
             database.executemany(f"delete from {table} where job_id = ?", gone)
     print(f"{len(kept)} of {len(jobs)} defects, without {len(of_types)} of types")
+
+
+def is_python(database: sqlite3.Connection, job: str) -> bool:
+    """Whether a mutant can be compiled."""
+    path, name, arguments, occurrence = database.execute(
+        "select module_path, operator_name, operator_args, occurrence from mutation_specs where job_id = ?", (job,)
+    ).fetchone()
+    mutant = mutate_code(Path(path).read_text(encoding="utf-8"), get_operator(name)(**json.loads(arguments)), occurrence)
+    try:
+        ast.parse(mutant)
+    except SyntaxError:
+        return False
+    return True
 
 
 @cache

@@ -41,7 +41,7 @@ def write_measurement(result: Measurement, field: FieldFile, folder: Path, image
         with whole(folder / name) as path:
             save(path)
     points = result.points
-    u = np.sqrt(np.diag(points.cov_xyz_mm2)).reshape(-1, 3)
+    u = np.sqrt(np.diag(points.cov_xyz_mm2)).reshape(points.xyz_mm.shape)
     with whole(folder / "points.csv") as path, path.open("w", newline="", encoding="utf-8") as file:
         table = csv.writer(file)
         table.writerow(("point", "x_mm", "y_mm", "z_mm", "u_x_mm", "u_y_mm", "u_z_mm", "rays", "residual_rms_px"))
@@ -116,7 +116,7 @@ def _figures(result: Measurement) -> list[tuple[str, str]]:
         ("focal length", ", ".join(f"{interior.fx:.2f}" for interior in c.interiors) + " px"),
     ]
     if len(points):
-        u = np.sqrt(np.diag(points.cov_xyz_mm2)).reshape(-1, 3)
+        u = np.sqrt(np.diag(points.cov_xyz_mm2)).reshape(points.xyz_mm.shape)
         extent = float(np.linalg.norm(np.ptp(points.xyz_mm, axis=0)))
         mean = float(np.sqrt((u**2).mean()))
         rows += [

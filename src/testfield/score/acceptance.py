@@ -103,7 +103,7 @@ def measured(points: Points, asked: list[Asked]) -> MeasuredLengths:
     """Those of the lengths both ends of which are among the points, with their joint covariance."""
     place = {int(code): k for k, code in enumerate(points.code)}
     here = [length for length in asked if length[1] in place and length[2] in place]
-    ends = np.array([(place[a], place[b]) for _, a, b, _, _ in here], int).reshape(-1, 2)
+    ends = np.array([(place[a], place[b]) for _, a, b, _, _ in here], int).reshape(len(here), 2)
     off = points.xyz_mm[ends[:, 1]] - points.xyz_mm[ends[:, 0]]
     length = np.linalg.norm(off, axis=1)
     gain = np.zeros((len(here), len(points), 3))
@@ -113,7 +113,7 @@ def measured(points: Points, asked: list[Asked]) -> MeasuredLengths:
     flat = gain.reshape(len(here), 3 * len(points))
     return MeasuredLengths(
         tuple(line for line, *_ in here),
-        np.array([(a, b) for _, a, b, _, _ in here], int).reshape(-1, 2),
+        np.array([(a, b) for _, a, b, _, _ in here], int).reshape(len(here), 2),
         np.array([value for *_, value, _ in here]),
         np.array([u for *_, u in here]),
         length,
@@ -181,7 +181,7 @@ def planes(scene: SceneFile, world: World, points: Points) -> list[dict[str, Any
     known, rows = {int(code) for code in points.code}, []
     for name, codes in groups.items():
         here = [code for code in codes if code in known]
-        true = np.array([at[code] for code in here]).reshape(-1, 3)
+        true = np.array([at[code] for code in here]).reshape(len(here), 3)
         if len(here) < 4 or in_a_row(true):
             continue
         found = points.xyz_mm[points.rows(here)]

@@ -31,12 +31,13 @@ def rigid_basis(points_mm: np.ndarray) -> np.ndarray:
     if row is None:
         axes = np.eye(3)
     else:
-        axes = np.linalg.svd(row[None])[2][1:] if row.any() else np.zeros((0, 3))
+        across = np.linalg.svd(row[None])[2][1:]
+        axes = across if row.any() else across[:0]
     basis = np.zeros((len(points_mm), 3, 3 + len(axes)))
     basis[:, :, :3] = np.eye(3)
     for k, axis in enumerate(axes):
         basis[:, :, 3 + k] = np.cross(axis, centred)
-    return basis.reshape(3 * len(points_mm), -1)
+    return basis.reshape(3 * len(points_mm), 3 + len(axes))
 
 
 def row_of(points_mm: np.ndarray) -> np.ndarray | None:

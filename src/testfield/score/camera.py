@@ -22,7 +22,7 @@ def interior_difference(true: Interior, found: Interior, uv_px: np.ndarray) -> n
     columns, rows = GRID
     grid = np.stack(
         np.meshgrid(np.linspace(0, true.width_px - 1, columns), np.linspace(0, true.height_px - 1, rows)), -1
-    ).reshape(-1, 2)
+    ).reshape(columns * rows, 2)
     a, b = directions(true, grid), directions(found, grid)
     a, b = (d / np.linalg.norm(d, axis=1, keepdims=True) for d in (a, b))
     good = np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)
@@ -53,11 +53,11 @@ def imaging_score(true: Interior, calibration: Calibration) -> dict:
         rays = rays @ rotation(turn[None])[0].T
     uv, by_interior, by_ray = camera_jacobian(found, rays)
     turns = (-by_ray @ cross_matrix(rays)).reshape(2 * len(at), 3)
-    flat = by_interior[:, :, [found.names.index(name) for name in names]].reshape(2 * len(at), -1)
+    flat = by_interior[:, :, [found.names.index(name) for name in names]].reshape(2 * len(at), len(names))
     S = np.eye(2 * len(at)) - turns @ np.linalg.pinv(turns)
-    error, flat, index = S @ (uv - at).ravel(), (S @ flat).reshape(len(at), 2, -1), calibration.index(names)
+    error, flat, index = S @ (uv - at).ravel(), (S @ flat).reshape(len(at), 2, len(names)), calibration.index(names)
     covariance = flat @ calibration.covariance[np.ix_(index, index)] @ np.swapaxes(flat, 1, 2)
-    error = error.reshape(-1, 2)
+    error = error.reshape(len(at), 2)
     nees = np.einsum("ni,nij,nj->n", error, np.linalg.pinv(covariance, rcond=1e-9, hermitian=True), error) / 2
     return {
         "imaging_error_px": float(np.sqrt((error**2).sum(axis=1).mean())),

@@ -38,7 +38,7 @@ class DetectionScore:
 
     def card(self) -> dict:
         """The figures under their stable keys."""
-        expected, found = int(self.expected.sum()), int((self.expected & self.found).sum())
+        expected, found = int(self.expected.sum()), int(self.found[self.expected].sum())
         any_px = self.error_px if len(self.error_px) else np.full((1, 2), np.nan)
         bias = any_px.mean(axis=0)
         stated = self.nees[np.isfinite(self.nees)]
@@ -49,7 +49,7 @@ class DetectionScore:
             "missed": expected - found,
             "missed_reasons": dict(sorted(self.missed.items())),
             "dirty": int(self.dirty.sum()),
-            "dirty_found": int((self.dirty & self.found).sum()),
+            "dirty_found": int(self.found[self.dirty].sum()),
             "false": len(self.false),
             "wrong_code": len(self.wrong_code),
             "wrong_dot": len(self.wrong_dot),
@@ -66,7 +66,7 @@ class DetectionScore:
 def score_detection(world: World, views: Views, observations: Observations) -> DetectionScore:
     """Match every observation to the truth, by what it claims to be and by where it is."""
     marks = world.marks
-    by_code = {int(c): k for k, c in enumerate(marks.code) if c > 0}
+    by_code = {int(c): k for k, c in enumerate(marks.code)}
     by_point = {(int(b), int(p)): k for k, (b, p) in enumerate(zip(marks.board, marks.point, strict=True)) if b >= 0}
     true_px = views.disc_px if observations.centre_of_disc else views.centre_px
     expected = (views.visible == 1) & (views.diameter_px >= EXPECTED_PX)
@@ -86,14 +86,14 @@ def score_detection(world: World, views: Views, observations: Observations) -> D
     reach = np.fmax(0.5 * observations.diameter_px, 2.0)
     told = np.isfinite(observations.diameter_px)
     # A blob near a mark that nobody can see there is a false one.
-    in_sight = views.visible[..., None] > 0
-    trees = [cKDTree(np.where(np.isfinite(px) & seen, px, -1e6)) for px, seen in zip(true_px, in_sight, strict=True)]
+    in_sight = views.visible > 0
+    trees = [cKDTree(px[seen]) for px, seen in zip(true_px, in_sight, strict=True)]
     for row in np.flatnonzero(measured):
         s, xy = station[row], observations.xy_px[row]
         code, board, point = (int(getattr(observations, name)[row]) for name in ("code", "board", "point"))
-        claimed = by_code.get(code) if code > 0 else by_point.get((board, point)) if board >= 0 else None
+        claimed = by_code.get(code) if code > 0 else by_point.get((board, point))
         near = reach[row] if told[row] or claimed is None else max(0.5 * views.diameter_px[s, claimed], 2.0)
-        if claimed is not None and in_sight[s, claimed, 0] and np.linalg.norm(xy - true_px[s, claimed]) <= near:
+        if claimed is not None and in_sight[s, claimed] and np.linalg.norm(xy - true_px[s, claimed]) <= near:
             rows.append(row)
             match.append(claimed)
             found[s, claimed] = True
@@ -108,7 +108,7 @@ def score_detection(world: World, views: Views, observations: Observations) -> D
     error = observations.xy_px[index] - true_px[station[index], mark]
     stated = observations.states_u[index]
     root = np.linalg.cholesky(np.where(stated[:, None, None], observations.cov_px2[index], np.eye(2)))
-    white = np.linalg.solve(root, error[..., None])[..., 0] if len(index) else error
+    white = np.linalg.solve(root, error[..., None])[..., 0]
     return DetectionScore(
         station=station[index],
         mark=mark,
@@ -133,13 +133,10 @@ def _why_missed(
     for s in np.flatnonzero(missed.any(axis=1)):
         here = np.flatnonzero(station == s)
         for mark in np.flatnonzero(missed[s]):
-            distance = (
-                np.linalg.norm(observations.xy_px[here] - true_px[s, mark], axis=1) if len(here) else np.array([np.inf])
-            )
-            nearest = int(np.argmin(distance))
-            if distance[nearest] > views.diameter_px[s, mark]:
+            distance = np.linalg.norm(observations.xy_px[here] - true_px[s, mark], axis=1)
+            if not len(here) or distance.min() > views.diameter_px[s, mark]:
                 reasons["no blob there"] += 1
             else:
-                status = str(observations.status[here[nearest]])
+                status = str(observations.status[here[np.argmin(distance)]])
                 reasons["not identified" if status == MEASURED else status] += 1
     return dict(reasons)

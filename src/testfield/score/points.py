@@ -38,7 +38,7 @@ class PointScore:
     @property
     def u_mm(self) -> np.ndarray:
         """(n, 3) claimed standard uncertainties."""
-        return np.sqrt(np.diag(self.cov_mm2)).reshape(-1, 3)
+        return np.sqrt(np.diag(self.cov_mm2)).reshape(self.error_mm.shape)
 
     def covariance(self, k: int) -> np.ndarray:
         """(3, 3) claimed covariance of one point."""
@@ -78,7 +78,7 @@ def score_points(world: World, calibration: Calibration, points: Points) -> Poin
     free = not calibration.board_names
     if free and len(rows) < 3:
         rows = rows[:0]  # too few for a fit, without which nothing can be compared
-    true = np.array([truth[int(code)] for code in points.code[rows]]).reshape(-1, 3)
+    true = np.array([truth[int(code)] for code in points.code[rows]]).reshape(len(rows), 3)
     error = points.xyz_mm[rows] - true
     covariance = points.covariance_of(rows)
     fitted, anees, anees_fitted = error, float("nan"), float("nan")
