@@ -13,6 +13,8 @@ from testfield.scene.world import World
 
 EXPECTED_PX = 8.0
 """Fully visible targets of at least this diameter must be found."""
+LEAST_REACH_PX = 2.0
+"""Within which an observation belongs to what it claims to be; within half its width, where that is more."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +85,7 @@ def score_detection(world: World, views: Views, observations: Observations) -> D
 
     rows, match, wrong_code, wrong_dot, false = [], [], [], [], []
     measured = observations.status == MEASURED
-    reach = np.fmax(0.5 * observations.diameter_px, 2.0)
+    reach = np.fmax(0.5 * observations.diameter_px, LEAST_REACH_PX)
     told = np.isfinite(observations.diameter_px)
     # A blob near a mark that nobody can see there is a false one.
     in_sight = views.visible > 0
@@ -92,7 +94,7 @@ def score_detection(world: World, views: Views, observations: Observations) -> D
         s, xy = station[row], observations.xy_px[row]
         code, board, point = (int(getattr(observations, name)[row]) for name in ("code", "board", "point"))
         claimed = by_code.get(code) if code > 0 else by_point.get((board, point))
-        near = reach[row] if told[row] or claimed is None else max(0.5 * views.diameter_px[s, claimed], 2.0)
+        near = reach[row] if told[row] or claimed is None else max(0.5 * views.diameter_px[s, claimed], LEAST_REACH_PX)
         if claimed is not None and in_sight[s, claimed] and np.linalg.norm(xy - true_px[s, claimed]) <= near:
             rows.append(row)
             match.append(claimed)
