@@ -133,6 +133,13 @@ def test_a_free_network_of_fewer_than_three_check_points_says_nothing_of_them(by
     assert three.card()["measured"] == 3 and three.free
 
 
+def test_points_without_a_covariance_have_errors_and_no_nees(by_hand: HandMade) -> None:
+    silent = replace(by_hand.points, cov_xyz_mm2=np.full_like(by_hand.points.cov_xyz_mm2, np.nan))
+    whole, bare = (score_points(by_hand.world, by_hand.calibration, p).card() for p in (by_hand.points, silent))
+    assert (bare["rmse_mm"], bare["worst_mm"]) == (whole["rmse_mm"], whole["worst_mm"])
+    assert np.isnan(bare["anees"]) and np.isnan(bare["anees_fitted"]) and np.isfinite(whole["anees_fitted"])
+
+
 def test_a_row_of_the_check_points_table_is_in_millimetres_and_micrometres() -> None:
     """Errors of metres show a factor that is wrong by a thousandth."""
     error, u = np.array([[1.0, 2, 2], [-30, 40, 120]]), np.array([[7.0, 8, 9], [10, 11, 12]])
@@ -228,6 +235,15 @@ def test_the_datum_alone_has_no_error_and_no_board_has_no_figure(by_hand: HandMa
     assert (alone["joined"], alone["pose_rms_mm"], alone["names"]) == (1, 0.0, []) and np.isnan(alone["anees"])
     none = score_boards(by_hand.world, replace(c, board_names=(), boards=Poses.identity(0)))
     assert (none["joined"], none["pose_rms_mm"], none["names"]) == (0, None, [])
+
+
+def test_a_board_whose_covariance_nobody_states_has_a_shift_and_no_nees(by_hand: HandMade) -> None:
+    """C alone has NEES then: (0.03 / 0.06)^2 + (0.04 / 0.16)^2."""
+    c = by_hand.calibration
+    labels = tuple(label.replace("board:B.tx", "board:?.tx") for label in c.labels)
+    boards = score_boards(by_hand.world, replace(c, labels=labels))
+    assert boards["anees"] == pytest.approx((0.25 + 0.0625) / 6, rel=1e-6)
+    assert boards["translation_error_mm"] == pytest.approx([0.05, 0.12], rel=1e-8)
 
 
 # ------------------------------------------------------------------ the page's small tables

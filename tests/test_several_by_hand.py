@@ -166,3 +166,12 @@ def test_a_measurement_tells_every_camera_and_the_rig(by_hand: HandMade, two: Ca
     assert page.table("relative orientation", "turn x, mrad") == [
         ["bar: far", *(f"{1000 * v:.3f}" for v in turn), *(f"{v:.3f}" for v in t), "0.7000"]
     ]
+
+
+def test_a_rig_whose_covariance_nobody_states_has_errors_and_no_nees(two: Calibration) -> None:
+    n = len(two.labels) - 6
+    silent = replace(two, labels=two.labels[:n], covariance=two.covariance[:n, :n])
+    (one,) = score_rigs((BAR,), silent)
+    assert one["rotation_error_mrad"] == pytest.approx(0.3, rel=1e-7)
+    assert one["translation_error_mm"] == pytest.approx(1.1, rel=1e-9)
+    assert all(np.isnan(one[key]) for key in ("u_rotation_mrad", "u_translation_mm", "anees"))
