@@ -108,8 +108,8 @@ def centre_map(rows: pd.DataFrame, size_px: tuple[float, float]) -> pd.DataFrame
     return found.assign(**places)[["x", "y", "dx", "dy", "count"]].reset_index(drop=True)
 
 
-def camera_map(rows: pd.DataFrame) -> pd.DataFrame:
-    """Mean error of one recipe's camera at places of the image: `x`, `y`, `dx`, `dy`, `count`."""
+def camera_map(rows: pd.DataFrame, size_px: tuple[float, float]) -> pd.DataFrame:
+    """Mean error of one recipe's camera at places of the image, within `size_px`: `x`, `y`, `dx`, `dy`, `count`."""
     tables = [
         pd.DataFrame({"x": row.camera_x_px, "y": row.camera_y_px, "dx": row.camera_dx_px, "dy": row.camera_dy_px})
         for row in rows.itertuples()
@@ -118,7 +118,8 @@ def camera_map(rows: pd.DataFrame) -> pd.DataFrame:
     if not tables:
         return pd.DataFrame(columns=["x", "y", "dx", "dy", "count"])
     grouped = pd.concat(tables).groupby(["x", "y"])
-    return grouped.agg(dx=("dx", "mean"), dy=("dy", "mean"), count=("dx", "size")).reset_index()
+    found = grouped.agg(dx=("dx", "mean"), dy=("dy", "mean"), count=("dx", "size")).reset_index()
+    return found[(found.x <= size_px[0]) & (found.y <= size_px[1])]
 
 
 def length_curve(rows: pd.DataFrame) -> pd.DataFrame:

@@ -11,6 +11,7 @@ from testfield.evaluate.compare_floor import Floor
 from testfield.evaluate.compared_columns import LISTS
 from testfield.evaluate.comparison import Comparison
 from testfield.evaluate.curves import axis_of
+from testfield.evaluate.failures import FAILURE, KIND, STAGE, Kind
 from testfield.evaluate.metrics import METRICS
 from testfield.evaluate.paired import Difference
 from testfield.store.atomic import whole
@@ -88,6 +89,42 @@ def _row(one: Difference, key: str, floor: Floor) -> dict[str, Any]:
         "scenes": one.scenes,
         "unpaired over paired": one.unpaired_u / one.estimate.u if one.estimate.u > 0 else float("nan"),
     }
+
+
+def shown(tables: Mapping[str, pd.DataFrame]) -> dict[str, pd.DataFrame]:
+    """The same as a page shows them: what a reader looks for, under words."""
+    differences = {"figure": "figure", "recipe": "recipe", "first": "first", "this": "this"}
+    differences |= {"difference": "difference", "low": "from", "high": "to", "verdict": "verdict", "floor": "floor"}
+    differences |= {"draws": "draws", "unpaired over paired": "unpaired"}
+    ranks = {name: name for name in ("figure", "recipe", "mean", "floor", "rank", "best", "worst")}
+    counts = {"recipe": "recipe", "cases": "cases", "expected": "targets expected", "missed": "missed"}
+    counts |= {"wrong_code": "wrong codes", "false": "false"} | {kind.value: kind.value for kind in Kind}
+    times = {"recipe": "recipe", "time_detect_s": "detect, s", "time_calibrate_s": "calibrate, s"}
+    times |= {"time_reconstruct_s": "reconstruct, s", "memory_mb": "memory, MB"}
+    bias = {name: name for name in ("recipe", "error", "unit", "bias", "spread", "items")}
+    stated = {"recipe": "recipe", "of": "of", "anees": "NEES", "low": "band from", "high": "to"}
+    stated |= {"held_68": "in 68 %", "held_95": "in 95 %", "errors": "errors"}
+    failures = {"scene": "scene", "factor": "factor", "draw": "draw", "recipe": "recipe", STAGE: "stage", KIND: "kind"}
+    views = {
+        "comparison": ("comparison", differences),
+        "scenes": ("scenes", {"scene": "scene"} | differences),
+        "ranks": ("ranks", ranks),
+        "recipes": ("recipes", counts),
+        "times": ("recipes", times),
+        "bias": ("bias", bias),
+        "stated": ("stated", stated),
+        "failures": ("failures", failures | {FAILURE: "why"}),
+    }
+    kept = {"bias": "items", "stated": "errors"}
+    found = {}
+    for name, (source, columns) in views.items():
+        table = tables[source]
+        table = table[table[kept[name]] > 0] if name in kept and len(table) else table
+        if "figure" in table and len(table):
+            unit = table.unit.map(lambda unit: f", {unit}" if unit else "")
+            table = table.assign(figure=table.figure + unit)
+        found[name] = table[list(columns)].rename(columns=columns) if len(table) else pd.DataFrame()
+    return found
 
 
 def write_tables(tables: Mapping[str, pd.DataFrame], rows: pd.DataFrame, folder: Path) -> None:

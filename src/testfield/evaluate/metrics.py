@@ -18,7 +18,7 @@ class Metric:
 
 
 CENTRE = Metric("detection.centre_rms_px", "centre error, rms", "px")
-COMMON = Metric("common.centre_rms_px", "centre error of targets that all found, rms", "px")
+COMMON = Metric("common.centre_rms_px", "centre error where all found, rms", "px")
 MISSED = Metric("detection.missed", "targets missed", "", floor=False)
 CORNER = Metric("calibration.corner_error_px", "interior orientation, worst corner", "px")
 POINTS = Metric("points.rmse_mm", "check points, RMSE", "um", 1000.0)

@@ -8,6 +8,7 @@ FILTERS = {
     "mm": lambda v: "–" if v is None else f"{v:.4f}",
     "signed": lambda v: "–" if v is None else f"{v:+.4f}",
     "short": lambda v: "–" if v is None else f"{v:.3g}",
+    "cell": lambda v: "–" if v is None or v != v else f"{v:.4g}" if isinstance(v, float) else str(v),
 }
 
 
