@@ -100,16 +100,22 @@ def _adjust(
     weight = _weights(network, whitening) if robust else np.ones(len(network.point))
     at = _Place(network, structure, whitening, weight)
     damping, fall, steps, converged = FIRST_DAMPING, 100.0, 0, False
+    loose = _datum_points(network) if datum_points is None else datum_points
+    free = at.ways[0].shape[1] if len(loose) >= 3 else 0
+    in_place = True
     while steps < most_steps:
         steps += 1
         normal, right, inverse = at.equations.reduced(damping)
         step = Factor(normal, labels, at.ways[0]).solve(right)
         moved = at.network.moved(step, at.equations.back_substituted(step, inverse))
-        trial = _Place(moved, structure, whitening, weight)
         small = at.equations.relative_size(step)
+        last = small < NEGLIGIBLE and damping < 1e-8
+        if free and last:
+            moved = aligned(moved, start.point_mm[loose], loose, free == 7)
+        trial = _Place(moved, structure, whitening, weight)
         if np.isfinite(trial.chi2) and trial.chi2 <= at.chi2 * (1 + 1e-12) + 1e-18:
-            at = trial
-            if small < NEGLIGIBLE and damping < 1e-8:
+            at, in_place = trial, last
+            if last:
                 converged = True
                 break
             damping = damping / fall if damping > 1e-12 else 0.0
@@ -123,9 +129,7 @@ def _adjust(
             # A weak network far from its minimum needs the least damping that still carries it: finer steps from now.
             damping, fall = max(damping * 4, 1e-6), 10.0
     # The equations at the minimum give the covariance, and with it a last step.
-    loose = _datum_points(at.network) if datum_points is None else datum_points
-    free = at.ways[0].shape[1] if len(loose) >= 3 else 0
-    if free:
+    if free and not in_place:
         network = aligned(at.network, start.point_mm[loose], loose, free == 7)
         at = _Place(network, structure, whitening, weight)
     network, equations, ways = at.network, at.equations, at.ways

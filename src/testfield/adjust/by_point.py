@@ -29,19 +29,42 @@ def widths(
 
 
 @compiled
-def point_sums(
-    first: np.ndarray, ray: np.ndarray, by_point: np.ndarray, residual: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Normal blocks (n, 3, 3) and right sides (n, 3) of all points."""
+def point_normals(first: np.ndarray, ray: np.ndarray, by_point: np.ndarray) -> np.ndarray:
+    """(n, 3, 3) normal blocks of all points."""
     n = len(first) - 1
-    normal, right = np.zeros((n, 3, 3)), np.zeros((n, 3))
+    normal = np.zeros((n, 3, 3))
     for p in range(n):
         for e in ray[first[p] : first[p + 1]]:
             for i in range(3):
-                right[p, i] += by_point[e, 0, i] * residual[e, 0] + by_point[e, 1, i] * residual[e, 1]
                 for j in range(3):
                     normal[p, i, j] += by_point[e, 0, i] * by_point[e, 0, j] + by_point[e, 1, i] * by_point[e, 1, j]
-    return normal, right
+    return normal
+
+
+@compiled
+def gathered(first: np.ndarray, ray: np.ndarray, by_point: np.ndarray, change: np.ndarray) -> np.ndarray:
+    """(n, 3): `change` (m, 2) of the whitened observations, times `by_point` (m, 2, 3), summed over each point."""
+    n = len(first) - 1
+    answer = np.zeros((n, 3))
+    for p in range(n):
+        for e in ray[first[p] : first[p + 1]]:
+            for i in range(3):
+                answer[p, i] += by_point[e, 0, i] * change[e, 0] + by_point[e, 1, i] * change[e, 1]
+    return answer
+
+
+@compiled
+def spread(point: np.ndarray, by_point: np.ndarray, amounts: np.ndarray) -> np.ndarray:
+    """(m, 2, d): how the whitened observations of points `point` (m,) follow amounts (n, 3, d) of their points."""
+    width = amounts.shape[2]
+    answer = np.empty((len(point), 2, width))
+    for e in range(len(point)):
+        a = amounts[point[e]]
+        for i in range(2):
+            x, y, z = by_point[e, i, 0], by_point[e, i, 1], by_point[e, i, 2]
+            for k in range(width):
+                answer[e, i, k] = x * a[0, k] + y * a[1, k] + z * a[2, k]
+    return answer
 
 
 @compiled

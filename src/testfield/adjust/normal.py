@@ -10,7 +10,15 @@ from itertools import pairwise
 import numpy as np
 from scipy.linalg.blas import dsyrk
 
-from testfield.adjust.by_point import point_factors, point_rows, point_sums, prediction_rows, take_away
+from testfield.adjust.by_point import (
+    gathered,
+    point_factors,
+    point_normals,
+    point_rows,
+    prediction_rows,
+    spread,
+    take_away,
+)
 from testfield.adjust.chunks import Chunk
 from testfield.adjust.factor import mirrored
 from testfield.adjust.groups import Group, Structure
@@ -36,9 +44,8 @@ class NormalEquations:
             self.right[group.columns] += A.T @ residual[group.here].ravel()
             if group.kept:
                 self._add_kept(group)
-        self.point_normal, self.point_right = point_sums(
-            structure.first, structure.ray, derivatives.by_point, derivatives.residual
-        )
+        self.point_normal = point_normals(structure.first, structure.ray, derivatives.by_point)
+        self.point_right = gathered(structure.first, structure.ray, derivatives.by_point, residual)
         add_what_was_known(self.normal, self.right, structure.layout, network)
         add_distances(self.normal, self.right, structure.layout, network)
         told = np.flatnonzero(network.information.any(axis=(1, 2)))
@@ -88,20 +95,19 @@ class NormalEquations:
 
     def to_points(self, step: np.ndarray) -> np.ndarray:
         """(n, 3): the points' part of the normal matrix times a step (P,) of the reduced unknowns."""
-        answer = np.zeros(self.point_right.shape)
-        for group in self.structure.groups:
-            if not group.kept:
-                change = (self._flat(group) @ step[group.columns]).reshape(-1, 2)
-                answer[group.points] += np.einsum("kij,ki->kj", self.derivatives.by_point[group.here], change)
-        return answer
+        s, d = self.structure, self.derivatives
+        change = np.empty(d.residual.shape)
+        for group in s.groups:
+            change[group.here] = (self._flat(group) @ step[group.columns]).reshape(-1, 2)
+        return np.asarray(gathered(s.first, s.ray, d.by_point, change))
 
     def from_points(self, amounts: np.ndarray) -> np.ndarray:
         """(P, d): the same matrix' transpose times amounts (n, 3, d) of the points."""
         answer = np.zeros((self.size, amounts.shape[2]))
+        change = spread(self.structure.point, self.derivatives.by_point, np.ascontiguousarray(amounts))
         for group in self.structure.groups:
             if not group.kept:
-                change = self.derivatives.by_point[group.here] @ amounts[group.points]
-                answer[group.columns] += self._flat(group).T @ change.reshape(-1, amounts.shape[2])
+                answer[group.columns] += self._flat(group).T @ change[group.here].reshape(-1, amounts.shape[2])
         return answer
 
     def reduced(self, damping: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

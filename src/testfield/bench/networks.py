@@ -46,6 +46,12 @@ def free_network(images: int, points: int, rays: int | None = None, seed: int = 
     return truth, start
 
 
+def plain_labels(network: Network) -> list[str]:
+    """Names of a network's unknowns, stations and boards by number."""
+    boards = tuple(f"B{k}" for k in range(len(network.boards)))
+    return network.labels(tuple(f"S{k}" for k in range(len(network.stations))), boards)
+
+
 def loose_points(
     camera: Camera, stations: Poses, point_mm: np.ndarray, image: np.ndarray, point: np.ndarray
 ) -> Network:

@@ -43,4 +43,6 @@ def free_bundle(pycolmap: Any, rebuilt: Any, images: int, **solver: Any) -> Any:
     for k in range(images):
         config.add_image(k + 1)
     config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
-    return pycolmap.create_default_bundle_adjuster(options, config, rebuilt)
+    # Since COLMAP 4 solvers have a choice of their own; Ceres' is the one that covariances can be asked of.
+    make = getattr(pycolmap, "create_default_ceres_bundle_adjuster", pycolmap.create_default_bundle_adjuster)
+    return make(options, config, rebuilt)

@@ -58,8 +58,9 @@ def camera_jacobian(interior: Interior, camera_mm: np.ndarray) -> tuple[np.ndarr
     by_interior[:, 0, 0], by_interior[:, 1, 1] = distorted[:, 0], distorted[:, 1]
     by_interior[:, 0, 2] = by_interior[:, 1, 3] = 1.0
     ray = camera_mm if interior.lens.by_angle else camera_mm[:, :2] / camera_mm[:, 2:]
-    by_interior[:, :, 4 : 4 + len(c)] = focal[:, None] * interior.lens.by_coefficients(ray, c)
-    by_point = by_rays * focal[:, None]
+    np.multiply(focal[:, None], interior.lens.by_coefficients(ray, c), out=by_interior[:, :, 4 : 4 + len(c)])
+    by_point = by_rays
+    by_point *= focal[:, None]
     if interior.modes_px is not None:
         slope = interior.displacement_slope(uv)
         by_interior, by_point = slope @ by_interior, slope @ by_point

@@ -29,14 +29,15 @@ def image(x: Any, y: Any, c: Any, m: Any) -> tuple[Any, Any, Any, Any, Any, Any]
 def by_coefficients(xy: np.ndarray, c: np.ndarray) -> np.ndarray:
     """Derivatives (..., 2, n) by the coefficients."""
     x, y = xy[..., 0], xy[..., 1]
-    r2 = x * x + y * y
-    return np.stack(
-        [
-            np.stack([x * r2, x * r2**2, x * r2**3, 2 * x * y, r2 + 2 * x * x], -1),
-            np.stack([y * r2, y * r2**2, y * r2**3, r2 + 2 * y * y, 2 * x * y], -1),
-        ],
-        axis=-2,
-    )
+    r2, off = x * x + y * y, 2 * x * y
+    answer = np.empty((*xy.shape[:-1], 2, 5))
+    grown = r2
+    for k in range(3):
+        answer[..., 0, k], answer[..., 1, k] = x * grown, y * grown
+        grown = grown * r2
+    answer[..., 0, 3] = answer[..., 1, 4] = off
+    answer[..., 0, 4], answer[..., 1, 3] = r2 + 2 * x * x, r2 + 2 * y * y
+    return answer
 
 
 def reach(c: np.ndarray) -> float:
