@@ -1,6 +1,5 @@
 """The covariance alone, beside COLMAP's own: the same network at the same place, in the same run."""
 
-import resource
 import time
 from dataclasses import dataclass
 from typing import Any
@@ -55,15 +54,14 @@ def beside_colmap(images: int, points: int, rays: int | None, repeats: int) -> d
         "images": images,
         "points": points,
         "observations": len(network.point),
-        "ratio": float(np.median(np.divide(*wall))),
-        "processor_ratio": float(np.median(np.divide(*processor))),
+        "ratio": float(np.median(np.divide(wall[0], wall[1]))),
+        "processor_ratio": float(np.median(np.divide(processor[0], processor[1]))),
         "ours_s": float(np.median(wall[0])),
         "colmap_s": float(np.median(wall[1])),
         "ours_processor_s": float(np.median(processor[0])),
         "colmap_processor_s": float(np.median(processor[1])),
         "relative_difference_of_u": _difference(found, theirs, rebuilt, numbers),
         "mean_u_point_mm": float(np.sqrt(np.trace(blocks, axis1=1, axis2=2) / 3).mean()),
-        "peak_memory_gb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6,
     }
 
 

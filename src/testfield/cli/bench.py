@@ -30,8 +30,11 @@ def add(commands: Any) -> None:
     one.add_argument("--empty", type=int, default=50, metavar="N", help="views without targets (default: 50)")
     one.add_argument("--quick", action="store_true", help="1,000 targets and 5 views at most")
 
-    one = _tool(tools, "adjust", _adjust, "the bundle against Ceres and OpenCV, and how its time grows")
-    one.add_argument("--quick", action="store_true", help="a few minutes' worth")
+    one = _tool(tools, "adjust", _adjust, "the bundle against Ceres, COLMAP and OpenCV, and how its time grows")
+    one.add_argument("--quick", action="store_true", help="small networks only: half a minute's worth")
+    parts = ("ceres", "covariance", "opencv", "growth", "large")
+    one.add_argument("--only", choices=parts, help="one of its parts; large: 400 images, 640,000 observations")
+    one.add_argument("--against", type=Path, metavar="FOLDER", help="a checkout of another version of testfield")
 
     one = _tool(tools, "chain", _chain, "the whole chain from nothing, by stages, and beside it another checkout's")
     one.add_argument("--scene", type=Path, metavar="SCENE", help="what is run (default: quick)")
@@ -198,32 +201,14 @@ def _adjust(args: argparse.Namespace) -> int:
     import json
 
     from testfield.bench.adjust import bench_adjust
+    from testfield.bench.adjust_table import lines
 
-    figures = bench_adjust(args.quick, _tell)
+    figures = bench_adjust(args.quick, args.only, args.against, _tell)
     if args.json:
         print(json.dumps(figures))
         return 0
-    ceres, opencv, growth = figures["ceres"], figures["opencv"], figures["growth"]
-    if "skipped" in ceres:
-        print(f"Ceres      not compared: {ceres['skipped']}")
-    else:
-        print(f"network    {ceres['images']} images, {ceres['points']} points, {ceres['observations']} observations")
-        print(f"time with all covariances over Ceres' without any   {ceres['ratio']:.2f}")
-        print(f"           ours {ceres['ours_s']:.2f} s in {ceres['our_steps']} steps, covariances included")
-        print(f"           ours {ceres['without_covariance_s']:.2f} s without them")
-        print(f"           Ceres {ceres['ceres_s']:.2f} s in {ceres['their_steps']} steps")
-        print(f"minimum    relative difference of the cost {ceres['relative_cost_difference']:.1e}")
-    print(
-        f"OpenCV     rms {opencv['opencv_rms_px']:.9f} px, ours {opencv['ours_rms_px']:.9f} px, "
-        f"difference {opencv['difference_px']:.1e} px"
-    )
-    print(f"growth     time of a step grows as points^{growth['exponent_of_points']:.2f}")
-    if "large" in figures:
-        large = figures["large"]
-        print(
-            f"large      {large['images']} images, {large['points']} points, {large['observations']} observations: "
-            f"{large['seconds']:.0f} s, {large['peak_memory_gb']:.1f} GB"
-        )
+    for line in lines(figures):
+        print(line)
     return 0
 
 
