@@ -63,6 +63,7 @@ def act(args: argparse.Namespace) -> int:
     from testfield.evaluate.comparison_cases import cases_of
     from testfield.evaluate.execute import execute
     from testfield.evaluate.provenance import provenance
+    from testfield.evaluate.worst import crops_of
     from testfield.score.floor import floor_of
     from testfield.score.scorecard import plain
     from testfield.store.lock import only_writer
@@ -75,7 +76,8 @@ def act(args: argparse.Namespace) -> int:
         compared = conclude(rows, names, comparison.matters)
         floor = Floor.of(floor_of(args.out), compared.ground_um_per_px)
         made = provenance(comparison, cases, sys.argv[1:])
-        place = write_comparison(compared, comparison, floor, made, args.out)
+        crops = crops_of(compared.rows, names, cases, args.out)
+        place = write_comparison(compared, comparison, floor, made, args.out, crops)
     table = differences_table(compared, floor)
     if args.json:
         found = {"sane": compared.sane, "differences": table.to_dict("records")}

@@ -71,7 +71,8 @@ def write_drawings(drawings: Sequence[Drawing], folder: Path) -> None:
                 path.write_bytes(content)
 
 
-def _finished(name: str, group: str, title: str, drawing: Any) -> Drawing:
+def finished(name: str, group: str, title: str, drawing: Any) -> Drawing:
+    """A figure as it is kept, the same bytes for the same figure."""
     buffer = io.BytesIO()
     drawing.savefig(buffer, format="pdf", metadata={"CreationDate": None, "Creator": None, "Producer": None})
     return Drawing(name, group, title, svg_of(drawing), buffer.getvalue())
@@ -86,7 +87,8 @@ def _small(drawing: Any) -> None:
         axes.title.set_size(FONT_PT + 0.5)
 
 
-def _slug(text: str) -> str:
+def slug(text: str) -> str:
+    """A text as part of a file's name."""
     words = "".join(letter if letter.isalnum() else " " for letter in text.lower()).split()
     return "_".join(words) or "figure"
 
@@ -99,7 +101,7 @@ def _differences(compared: Compared, first: str) -> Iterator[Drawing]:
                 _forest(axes, own)
                 axes.set_xlabel(f"difference from {first}, {metric.unit or 'targets'}")
                 _small(drawing)
-                yield _finished(f"difference_{_slug(metric.title)}", "differences", metric.title, drawing)
+                yield finished(f"difference_{slug(metric.title)}", "differences", metric.title, drawing)
 
 
 def _forest(axes: Any, differences: dict[str, Difference]) -> None:
@@ -137,8 +139,8 @@ def _curves(curves: pd.DataFrame, comparison: Comparison, recipes: Sequence[str]
                 axes.set_ylabel(f"{metric.title}, {metric.unit}" if metric.unit else metric.title)
                 _legend(axes)
                 _small(drawing)
-                name = f"curve_{_slug(factor.name)}_{_slug(metric.title)}"
-                yield _finished(name, "curves", f"{metric.title} over {factor.name}", drawing)
+                name = f"curve_{slug(factor.name)}_{slug(metric.title)}"
+                yield finished(name, "curves", f"{metric.title} over {factor.name}", drawing)
 
 
 def _floor_line(axes: Any, metric: Metric, floor: Floor) -> None:
@@ -165,7 +167,7 @@ def _recall(own: pd.DataFrame, recipes: Sequence[str]) -> Iterator[Drawing]:
         axes.set_ylabel(f"{CENTRE.title}, px")
         _legend(axes)
         _small(drawing)
-        yield _finished("accuracy_over_recall", "recall", "Accuracy over recall, a mark a scene", drawing)
+        yield finished("accuracy_over_recall", "recall", "Accuracy over recall, a mark a scene", drawing)
 
 
 def _lengths(own: pd.DataFrame, recipes: Sequence[str]) -> Iterator[Drawing]:
@@ -182,7 +184,7 @@ def _lengths(own: pd.DataFrame, recipes: Sequence[str]) -> Iterator[Drawing]:
         axes.set_ylabel("length error, µm")
         _legend(axes)
         _small(drawing)
-        yield _finished("length_error_over_length", "lengths", "Length error: rms, and broken the mean", drawing)
+        yield finished("length_error_over_length", "lengths", "Length error: rms, and broken the mean", drawing)
 
 
 def _maps(own: pd.DataFrame, recipes: Sequence[str]) -> Iterator[Drawing]:
@@ -200,7 +202,7 @@ def _maps(own: pd.DataFrame, recipes: Sequence[str]) -> Iterator[Drawing]:
                 with figure(COLUMN_IN, COLUMN_IN * size[1] / size[0] + 0.35) as (drawing, axes):
                     _arrows(axes, table, size, unit)
                     _small(drawing)
-                    yield _finished(f"bias_{what}_{_slug(name)}", "maps", f"{name}: bias of {title}", drawing)
+                    yield finished(f"bias_{what}_{slug(name)}", "maps", f"{name}: bias of {title}", drawing)
 
 
 def _arrows(axes: Any, table: pd.DataFrame, size: tuple[float, float], unit: float) -> None:

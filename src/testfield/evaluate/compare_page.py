@@ -1,5 +1,6 @@
 """The page of a comparison, and what lies beside it."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,30 +13,39 @@ from testfield.evaluate.compare_look import colours_of, sortable
 from testfield.evaluate.compare_plots import Plots
 from testfield.evaluate.compare_tables import shown, tables_of, write_tables
 from testfield.evaluate.comparison import Comparison
+from testfield.evaluate.worst import Crop
+from testfield.evaluate.worst_drawings import crop_drawings
 from testfield.report.pages import page
 from testfield.store.atomic import whole
 from testfield.store.text import write_text
 
-GROUPS = ("differences", "recall", "lengths", "maps", "curves")
+GROUPS = ("crops", "differences", "recall", "lengths", "maps", "curves")
 """Groups of drawings, by how much a page would miss them."""
-DRAWN_BYTES = 1_500_000
+DRAWN_BYTES = 1_700_000
 """Drawings beyond these stay beside the page, so that it can be sent by mail."""
 
 
 def write_comparison(
-    compared: Compared, comparison: Comparison, floor: Floor, made: dict[str, str], folder: Path
+    compared: Compared,
+    comparison: Comparison,
+    floor: Floor,
+    made: dict[str, str],
+    folder: Path,
+    crops: Sequence[Crop] = (),
 ) -> Path:
     """Write `report.html`, the tables of `compare_tables` and the figures of `compare_drawings`; returns the page's
-    path. `made` says where the figures come from."""
+    path. `made` says where the figures come from, `crops` show the worst cases."""
     tables = tables_of(compared, comparison, floor)
     write_tables(tables, compared.rows, folder)
-    drawings = drawings_of(compared, comparison, floor, tables["curves"])
+    names = [recipe.name for recipe in comparison.recipes]
+    drawings = drawings_of(compared, comparison, floor, tables["curves"]) + crop_drawings(crops, colours_of(names))
     write_drawings(drawings, folder)
     seen = shown(tables)
+    if len(comparison.scenes) == 1:
+        del seen["scenes"]  # it would say the same again
     plots, scripts = _embedded(
         Plots(compared, comparison, floor, tables).all() | {name: sortable(t) for name, t in seen.items() if len(t)}
     )
-    names = [recipe.name for recipe in comparison.recipes]
     html = page(
         "compare.html",
         compared=compared,
@@ -49,7 +59,6 @@ def write_comparison(
         scripts=scripts,
         drawings=_inline(drawings),
         colours=colours_of(names),
-        crops=[],
     )
     with whole(folder / "report.html") as path:
         write_text(path, html)

@@ -58,8 +58,10 @@ class Plots:
 
     def _differences(self, metric: Metric) -> Any:
         """Differences from the first recipe, with intervals: all scenes together, then each."""
+        scenes = self._rows("scenes", metric)
         rows = [{"scene": POOLED} | row for row in self._rows("comparison", metric)]
-        scenes = self._rows("scenes", metric) if len(self.comparison.scenes) > 1 else []
+        if len(self.comparison.scenes) == 1:
+            rows = []  # the scene alone says the same
         rows = [row for row in [*rows, *scenes] if row["draws"]]
         if not rows:
             return None
