@@ -17,9 +17,10 @@ from testfield.chain.run import Run
 from testfield.cli.main import main
 from testfield.detect.observations import Observations
 from testfield.errors import TestfieldError
-from testfield.measure.pipeline import detect, detect_all
+from testfield.measure.pipeline import detect, detect_all, measure
 from testfield.measure.recipe import Recipe
 from testfield.measure.results import EXPORT, image_digest, recipe_at
+from testfield.score.scorecard import plain, score_measured
 from testfield.store.code import code_digest
 
 HEAD = "x_px,y_px,code,board,point\n"
@@ -350,3 +351,129 @@ def test_what_the_environment_names_is_loaded_by_no_command(tmp_path: Path) -> N
     command = [sys.executable, "-m", "testfield", "list", "centroids"]
     assert subprocess.run(command, env=environment, capture_output=True, check=False).returncode == 0
     assert not (tmp_path / "started").exists()
+
+
+CALIBRATOR = """
+import csv, json, sys
+import cv2
+import numpy as np
+
+with open(sys.argv[1]) as file:
+    rows = [row for row in csv.DictReader(file) if int(row["board"]) >= 0]
+with open(sys.argv[2]) as file:
+    sheet = json.load(file)
+objects, images = [], []
+for key in sorted({(row["station"], int(row["board"])) for row in rows}):
+    mine = [row for row in rows if (row["station"], int(row["board"])) == key]
+    board = sheet["boards"][key[1]]
+    point = [int(row["point"]) for row in mine]
+    plane = [(board["x_mm"][p], board["y_mm"][p], 0) for p in point]
+    objects.append(np.array(plane, np.float32))
+    images.append(np.array([(float(row["x_px"]), float(row["y_px"])) for row in mine], np.float32))
+size = sheet["cameras"][0]["width_px"], sheet["cameras"][0]["height_px"]
+flags = cv2.CALIB_FIX_ASPECT_RATIO | cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST
+start = np.array([[800, 0, size[0] / 2], [0, 800, size[1] / 2], [0, 0, 1.0]])
+_, K, d, _, _ = cv2.calibrateCamera(objects, images, size, start, None, flags=flags | cv2.CALIB_USE_INTRINSIC_GUESS)
+interior = {"model": "brown", "width_px": size[0], "height_px": size[1]}
+interior |= {"fx": K[0, 0], "fy": K[1, 1], "cx": K[0, 2], "cy": K[1, 2]}
+interior |= dict(zip(("k1", "k2", "p1", "p2", "k3"), d.ravel().tolist()))
+with open(sys.argv[3], "w") as file:
+    json.dump({"interior": interior}, file)
+"""
+
+
+def test_a_program_calibrates_and_what_it_does_not_say_is_resected(tiny: Run, tmp_path: Path) -> None:
+    (tmp_path / "calibrate.py").write_text(CALIBRATOR)
+    command = f"{sys.executable} calibrate.py {{observations}} {{sheet}} {{json}}"
+    (tmp_path / "own.toml").write_text(f"[calibrator]\ncommand = '{command}'\n")
+    seen = Observations.load(tiny.folder / "observations.parquet", tiny.field)
+    found = measure(seen, tiny.field, Recipe.load(tmp_path / "own.toml"))
+    assert found.calibration.method == "calibrate.py" and found.calibration.labels == ()
+    assert set(found.calibration.station_names) == set(tiny.stations)
+    assert found.calibration.reprojection_rms_px < 0.1
+    card = plain(score_measured(tiny.world, tiny.views, seen, found.calibration, found.points))
+    assert card["calibration"]["corner_error_px"] < 1 and card["calibration"]["interior_anees"] is None
+    assert card["points"]["measured"] == 2 and card["points"]["anees"] is None
+
+
+def test_a_calibration_and_points_made_elsewhere_are_those_that_were_made(tiny: Run, tmp_path: Path) -> None:
+    import shutil
+
+    there = tmp_path / "theirs"
+    there.mkdir()
+    seen = Observations.load(tiny.folder / "observations.parquet", tiny.field)
+    own = measure(seen, tiny.field, Recipe())
+    own.calibration.save(there / "calibration.json")
+    rows = zip(own.points.code, own.points.xyz_mm.tolist(), strict=True)
+    (there / "points.csv").write_text(
+        "code,x_mm,y_mm,z_mm\n" + "".join(f"{c},{x!r},{y!r},{z!r}\n" for c, (x, y, z) in rows)
+    )
+    (tmp_path / "own.toml").write_text('calibrator = { folder = "theirs" }\nreconstructor = { folder = "theirs" }\n')
+    found = measure(seen, tiny.field, Recipe.load(tmp_path / "own.toml"))
+    assert np.array_equal(found.calibration.covariance, own.calibration.covariance)
+    assert np.array_equal(found.points.xyz_mm, own.points.xyz_mm) and not found.points.states_u
+    # The same camera alone, and with its exterior orientations, which any frame may have.
+    camera = {"interior": own.calibration.interior.without_modes.to_json()}
+    shutil.rmtree(there)
+    there.mkdir()
+    turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    for more in (
+        {},
+        {
+            "stations": {
+                name: {"R": (R @ turn).tolist(), "t_mm": t.tolist()}
+                for name, R, t in zip(
+                    own.calibration.station_names,
+                    own.calibration.stations.R,
+                    own.calibration.stations.t_mm,
+                    strict=True,
+                )
+            },
+            "boards": {
+                name: {"R": (turn.T @ R).tolist(), "t_mm": (turn.T @ t).tolist()}
+                for name, R, t in zip(
+                    own.calibration.board_names, own.calibration.boards.R, own.calibration.boards.t_mm, strict=True
+                )
+            },
+        },
+    ):
+        (there / "camera.json").write_text(json.dumps(camera | more))
+        (tmp_path / "own.toml").write_text('calibrator = { folder = "theirs" }\n')
+        found = measure(seen, tiny.field, Recipe.load(tmp_path / "own.toml"))
+        assert np.allclose(found.points.xyz_mm, own.points.xyz_mm, atol=0.05 if not more else 1e-3), more
+        assert np.allclose(
+            found.calibration.stations.t_mm, own.calibration.stations.t_mm, atol=0.5 if not more else 1e-6
+        )
+
+
+CAMERAS = {
+    "no JSON": ("{", "not a readable camera file"),
+    "no interior": ("{}", "interior"),
+    "no lens": ('{"interior": {"model": "pin", "width_px": 640, "height_px": 512}}', "pin"),
+    "NaN": (
+        '{"interior": {"model": "brown", "width_px": 640, "height_px": 512, "fx": NaN, "fy": 800, "cx": 1, "cy": 1, '
+        '"k1": 0, "k2": 0, "k3": 0, "p1": 0, "p2": 0}}',
+        "not finite",
+    ),
+    "another size": (
+        '{"interior": {"model": "brown", "width_px": 64, "height_px": 51, "fx": 800, "fy": 800, "cx": 1, "cy": 1, '
+        '"k1": 0, "k2": 0, "k3": 0, "p1": 0, "p2": 0}}',
+        "64 x 51",
+    ),
+    "labels alone": (
+        '{"labels": ["fx"], "interior": {"model": "brown", "width_px": 640, "height_px": 512, "fx": 800, "fy": 800, '
+        '"cx": 1, "cy": 1, "k1": 0, "k2": 0, "k3": 0, "p1": 0, "p2": 0}}',
+        "belong together",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+def test_a_camera_file_that_cannot_be_is_named_with_the_program(name: str, tiny: Run, tmp_path: Path) -> None:
+    text, said = CAMERAS[name]
+    (tmp_path / "own.json").write_text(text)
+    (tmp_path / "own.toml").write_text('[calibrator]\ncommand = "cp own.json {json}"\n')
+    seen = Observations.load(tiny.folder / "observations.parquet", tiny.field)
+    with pytest.raises(TestfieldError, match=said) as error:
+        measure(seen, tiny.field, Recipe.load(tmp_path / "own.toml"))
+    assert "cp, " in error.value.sentence() and "camera.json" in error.value.sentence()

@@ -22,6 +22,8 @@ MODULES = (
     "uncertainty",
     "accept",
     "compare",
+    "export",
+    "new",
     "study",
     "validate",
     "preview",
@@ -39,7 +41,7 @@ GROUPS = {
     "what a run holds": ("accept", "uncertainty"),
     "one stage of a run": ("render", "expose", "detect", "calibrate", "reconstruct", "score", "report"),
     "photographs": ("measure", "codes"),
-    "ways to measure": ("compare", "study"),
+    "ways to measure": ("compare", "export", "new", "study"),
     "the program itself": ("certify", "bench"),
     "to look up": ("list", "schema", "completion"),
 }

@@ -7,11 +7,12 @@ starts anything. Their digests are part of the recipe, so that a recompiled prog
 import re
 import shlex
 import shutil
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 
 from testfield.errors import TestfieldError, nearest
-from testfield.store.digests import file_digest
+from testfield.store.digests import digest, file_digest
 
 TIME_LIMIT_S = 60.0
 MOST_TIME_S = 86_400.0
@@ -39,7 +40,7 @@ class Program:
         """What the program is called: of an interpreter's script, the script."""
         words = shlex.split(self.command)
         scripts = [word for word in words[1:] if (self.folder / word).is_file()]
-        return Path(scripts[0] if is_python(words[0]) and scripts else words[0]).name
+        return Path(scripts[0] if is_python(Path(words[0]).name) and scripts else words[0]).name
 
     @staticmethod
     def of(
@@ -93,18 +94,19 @@ class Results:
         files = sorted(path for path in folder.rglob("*") if path.suffix in (".csv", ".parquet", ".json"))
         if not files:
             raise TestfieldError(f"there is no CSV, Parquet or JSON file in '{folder}'", where, "put the results there")
-        from testfield.store.digests import digest
-
         return Results(folder, digest([[str(path.relative_to(folder)), file_digest(path)] for path in files]))
 
 
 def program_of(word: str, folder: Path) -> Path | None:
-    """The file of a program: beside the recipe, or wherever the system finds it."""
+    """The file of a program: beside the recipe, or wherever the system finds it; `python` is the one that runs this.
+
+    A link is not followed: an environment's interpreter is one, and knows by its own path whose packages it has.
+    """
     beside = folder / word
     if beside.is_file():
-        return beside.resolve()
-    found = shutil.which(word)
-    return Path(found).resolve() if found else None
+        return beside.absolute()
+    found = sys.executable if is_python(word) else shutil.which(word)
+    return Path(found).absolute() if found else None
 
 
 def is_python(word: str) -> bool:

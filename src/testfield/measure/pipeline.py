@@ -11,6 +11,7 @@ from testfield.detect.detect import detect as detect_frame
 from testfield.detect.observations import Observations
 from testfield.errors import TestfieldError
 from testfield.measure.blame import blamed
+from testfield.measure.calibrator import calibrated_by_files, calibrated_by_program, points_from_files
 from testfield.measure.detector import by_program, from_files
 from testfield.measure.outside import Program, Results
 from testfield.measure.recipe import Algorithm, Recipe
@@ -82,6 +83,11 @@ def calibrate(observations: Observations, field: Field, recipe: Recipe) -> Calib
     """
     recipe.prepare()
     observations, field = by_time(observations, field)
+    own = recipe.calibrated_by
+    if isinstance(own, Program):
+        return taken_calibration(calibrated_by_program(observations, field, own), own.name)
+    if own is not None:
+        return taken_calibration(calibrated_by_files(observations, field, own), str(own.folder))
     name, options = recipe.calibrator.name, dict(recipe.calibrator.options)
     cameras = tuple(replace(camera, lens=recipe.lens or camera.lens) for camera in field.cameras)
     if not cameras:
@@ -114,6 +120,8 @@ def by_time(observations: Observations, field: Field) -> tuple[Observations, Fie
 def reconstruct(observations: Observations, calibration: Calibration, field: Field, recipe: Recipe) -> Points:
     """Targets that belong to no board, with their joint covariance where the reconstructor states one."""
     recipe.prepare()
+    if recipe.points_from is not None:
+        return taken_points(points_from_files(recipe.points_from), str(recipe.points_from.folder))
     method = recipe.reconstructor
     observations, field = by_time(weighed_by(observations, calibration), field)
     with blamed("reconstructors", method.name):
