@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from testfield.errors import TestfieldError
+from testfield.measure.blame import Crashed, TimedOut
 from testfield.measure.environment import python_of
 from testfield.measure.outside import Program, is_python, program_of
 
@@ -49,7 +50,7 @@ def run_program(program: Program, files: Mapping[str, Path], work: Path, about: 
     finally:
         _end(process)
     if process.returncode:
-        raise TestfieldError(f"it {_how(process.returncode)}{_own_words(said)}", where, "mend the program")
+        raise Crashed(f"it {_how(process.returncode)}{_own_words(said)}", where, "mend the program")
 
 
 def _first(program: Program, word: str) -> Path:
@@ -69,11 +70,11 @@ def _wait(process: subprocess.Popen, limit_s: float, work: Path, where: str) -> 
     look = LOOK_S
     while process.poll() is None:
         if time.monotonic() > end:
-            raise TestfieldError(
+            raise TimedOut(
                 f"it did not end within {limit_s:g} s{_own_words(work / 'said.txt')}", where, "raise time_limit_s"
             )
         if sum(path.stat().st_size for path in work.iterdir() if path.is_file()) > MOST_BYTES:
-            raise TestfieldError(f"it writes more than {MOST_BYTES:,} bytes", where, "write results alone")
+            raise Crashed(f"it writes more than {MOST_BYTES:,} bytes", where, "write results alone")
         with contextlib.suppress(subprocess.TimeoutExpired):
             process.wait(min(look, max(end - time.monotonic(), 0.001)))
         look = min(2 * look, 0.5)
