@@ -820,7 +820,13 @@ PHYSICS = [
         "np.bitwise_count(words) % 2 == 1",
         WORDS,
     ),
-    Defect("rings are read the wrong way round", "_read", "np.arange(bits - 1, -1, -1)", "np.arange(bits)", PHOTOGRAPH),
+    Defect(
+        "rings are read the wrong way round",
+        "_read",
+        "2 * word + (level[b] > middle)",
+        "word + (level[b] > middle) * 2**b",
+        PHOTOGRAPH,
+    ),
     Defect(
         "the principal point half a pixel off",
         "Interior.corners_px",

@@ -43,21 +43,28 @@ class SensorSheet:
         top = min(self.largest_dn - self.black_level_dn, self.full_well_e / self.gain_e_per_dn)
         return float(self.black_level_dn + min(self.balance) * top)
 
-    def variance_dn2(self, mean_dn: np.ndarray) -> np.ndarray:
-        """Variance of a pixel of given mean: read noise, shot noise and quantisation, in DN squared; of a balanced
-        mosaic that of its four kinds on the average."""
-        electrons = np.maximum(mean_dn - self.black_level_dn, 0) * self.gain_e_per_dn
+    def noise_line(self) -> tuple[float, float, float]:
+        """A pixel's variance as a line of its mean: in DN squared what it has without light, by how much it grows a DN
+        of the mean, and the mean in DN from which on it grows. It is read noise, shot noise and quantisation; of a
+        balanced mosaic that of its four kinds on the average."""
         squares, gain = sum(g * g for g in self.balance) / len(self.balance), sum(self.balance) / len(self.balance)
-        return (squares * self.read_noise_e**2 + gain * electrons) / self.gain_e_per_dn**2 + squares / 12
+        dark = squares * (self.read_noise_e**2 / self.gain_e_per_dn**2 + 1 / 12)
+        return dark, gain / self.gain_e_per_dn, self.black_level_dn
+
+    def variance_dn2(self, mean_dn: np.ndarray) -> np.ndarray:
+        """Variance of a pixel of given mean, as of `noise_line`, in DN squared."""
+        dark, slope, zero_dn = self.noise_line()
+        return dark + np.maximum(slope * (mean_dn - zero_dn), 0)
 
 
 @dataclass(frozen=True)
 class InvertedSheet(SensorSheet):
     """The sheet of an image whose values were turned upside down, so that dark marks are bright."""
 
-    def variance_dn2(self, mean_dn: np.ndarray) -> np.ndarray:
-        """Variance of a pixel whose inverted value has the given mean."""
-        return super().variance_dn2(self.largest_dn - mean_dn)
+    def noise_line(self) -> tuple[float, float, float]:
+        """The line of a pixel whose inverted value has the given mean: it falls."""
+        dark, slope, zero_dn = super().noise_line()
+        return dark, -slope, self.largest_dn - zero_dn
 
 
 @dataclass(frozen=True)

@@ -3,12 +3,7 @@
 import argparse
 from typing import Any
 
-from testfield.cli.show import add_load
-
-ALGORITHMS = ("detectors", "finders", "centroids", "decoders", "calibrators", "reconstructors")
-KINDS = ("scenes", *ALGORITHMS, "lenses", "boards", "sensors")
-NONE = "none; this project's own is no algorithm of a recipe"
-"""What is said of a kind of which only somebody else's are chosen by name."""
+KINDS = ("scenes", "centroids", "calibrators", "reconstructors", "lenses", "boards", "sensors")
 
 
 def add(commands: Any) -> None:
@@ -18,12 +13,11 @@ def add(commands: Any) -> None:
     )
     p.add_argument("what", nargs="?", choices=KINDS, metavar="WHAT", help=f"one of {', '.join(KINDS)} (default: all)")
     p.add_argument("--json", action="store_true", help="print one JSON object")
-    add_load(p)
     p.set_defaults(act=act)
 
 
 def act(args: argparse.Namespace) -> int:
-    """Print name and first sentence of each; of a package that cannot be imported, why."""
+    """Print name and first sentence of each."""
     import json
 
     found = {kind: _rows(kind) for kind in ([args.what] if args.what else KINDS)}
@@ -32,9 +26,7 @@ def act(args: argparse.Namespace) -> int:
         return 0
     for kind, rows in found.items():
         print("sensors (sensor.preset)" if kind == "sensors" else kind)
-        if not rows:
-            print(f"  {NONE}")
-        width = max([16, *(len(name) for name in rows)])
+        width = max(16, *(len(name) for name in rows))
         for name, row in rows.items():
             print(f"  {name:<{width}} {row['what']}")
             if "source" in row:
@@ -53,19 +45,9 @@ def _rows(kind: str) -> dict[str, dict[str, str]]:
             name: {"what": one["description"] + doubt[one["verified"]], "source": one["source"]}
             for name, one in presets().items()
         }
-    from testfield.registry import names
+    from testfield.registry import find, names
 
-    return {name: _said(kind, name) for name in names(kind)}
-
-
-def _said(kind: str, name: str) -> dict[str, str]:
-    from testfield.errors import TestfieldError
-    from testfield.registry import find
-
-    try:
-        return {"what": (find(kind, name).__doc__ or "").strip().split("\n")[0]}
-    except TestfieldError as error:
-        return {"what": f"BROKEN: {error.sentence()}"}
+    return {name: {"what": (find(kind, name).__doc__ or "").strip().split("\n")[0]} for name in names(kind)}
 
 
 def _scenes() -> dict[str, dict[str, str]]:

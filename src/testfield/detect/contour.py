@@ -1,10 +1,13 @@
 """Is a blob's edge an ellipse? Asked of the edge alone, so a shadow that falls across a dot does no harm."""
 
-from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 
 import numpy as np
 
-from testfield.detect.screen import half_axes_of, median_known, sample
+from testfield.detect.by_place import by_place
+from testfield.detect.sampling import WINDOW_PX, median_of, sampled
+from testfield.detect.screen import half_axes_of
+from testfield.store.compiled import compiled
 
 RMS_PART, WORST_PX, WORST_PART, NOISE_PX = 0.045, 0.03, 0.1, 0.5
 """An edge may lie off its ellipse by such parts of the dot's radius, and so many pixels for a noise as large as the
@@ -12,8 +15,6 @@ contrast. Blur makes a square of a few pixels so round that its edge is off by l
 ROUGHLY = 2.5
 """Before the fit the ellipse is a rough one, and all four may be so many times larger."""
 RAYS, STEPS = 36, 33
-BATCH = 128
-"""Dots at a time: the samples along their rays then stay in the processor's cache."""
 BEGIN, END = 0.5, 1.5
 """Where a ray looks for the edge, in dot radii."""
 
@@ -43,33 +44,44 @@ def edge_deviation(image_dn: np.ndarray, xy_px: np.ndarray, moments_px2: np.ndar
     Along each of `RAYS` rays the edge lies at the centroid of the squared fall of the image (h, w); rays that leave
     the image are left out. The ellipses' mean error in size does not count.
     """
-    rms, worst = np.empty(len(xy_px)), np.empty(len(xy_px))
-
-    def measure(rows: slice) -> None:
-        rms[rows], worst[rows] = _deviation(image_dn, xy_px[rows], half_axes_of(moments_px2[rows]))
-
-    with ThreadPoolExecutor(2) as pool:
-        list(pool.map(measure, (slice(start, start + BATCH) for start in range(0, len(xy_px), BATCH))))
+    angle, radius = 2 * np.pi * np.arange(RAYS) / RAYS, np.linspace(BEGIN, END, STEPS)
+    towards = np.column_stack([np.cos(angle), np.sin(angle)])
+    image = np.ascontiguousarray(image_dn, np.float32)
+    places, middles = (towards[:, None] * radius[:, None]).reshape(-1, 2), (radius[:-1] + radius[1:]) / 2
+    rms, worst = by_place(partial(_deviations, image, towards, places, middles), xy_px, half_axes_of(moments_px2)).T
     return rms, worst
 
 
-def _deviation(image_dn: np.ndarray, xy_px: np.ndarray, half_axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    n = len(xy_px)
-    angle = 2 * np.pi * np.arange(RAYS) / RAYS
-    towards = np.column_stack([np.cos(angle), np.sin(angle)]) @ np.swapaxes(half_axes, 1, 2)
-    radius = np.linspace(BEGIN, END, STEPS)
-    along = towards.astype(np.float32)[..., None] * radius.astype(np.float32)
-    x, y = (xy_px[:, k, None, None].astype(np.float32) + along[:, :, k] for k in (0, 1))
-    values = sample(image_dn, x.reshape(n, -1), y.reshape(n, -1)).reshape(n, RAYS, STEPS)
-    fall = values[..., :-1] - values[..., 1:]
-    np.maximum(fall, 0, out=fall)
-    fall *= fall
-    middle = (radius[:-1] + radius[1:]) / 2
-    weighted = fall @ np.column_stack([np.ones_like(middle), middle]).astype(np.float32)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        edge = (weighted[..., 1] / weighted[..., 0]).astype(float)
-    seen = np.isfinite(edge)
-    edge[~seen.any(axis=1)] = 1e9  # no edge anywhere
-    off = (edge - median_known(edge)) * np.linalg.norm(towards, axis=2)
-    off[~seen.any(axis=1)] = np.inf
-    return np.sqrt(np.nanmean(off**2, axis=1)), np.nanmax(np.abs(off), axis=1)
+@compiled
+def _deviations(
+    image: np.ndarray, towards: np.ndarray, places: np.ndarray, middles: np.ndarray, xy: np.ndarray, axes: np.ndarray
+) -> np.ndarray:
+    """(n, 2) root mean square and largest; `places` are those along the rays, one ray behind the other."""
+    n, rays, steps = len(xy), len(towards), len(middles)
+    both, edge, sorting = np.empty((n, 2)), np.empty(rays), np.empty(rays)
+    values, window = np.empty(len(places), np.float32), np.empty((WINDOW_PX, WINDOW_PX), np.float32)
+    for i in range(n):
+        sampled(image, xy[i], axes[i], places, window, values)
+        for k in range(rays):
+            total, moment, first = 0.0, 0.0, k * (steps + 1)
+            for j in range(steps):
+                fall = values[first + j] - values[first + j + 1]
+                # Beyond the image values are NaN, and so is the edge.
+                square = 0.0 if fall <= 0 else float(fall * fall)
+                total += square
+                moment += square * middles[j]
+            edge[k] = moment / total
+            sorting[k] = edge[k]
+        middle = median_of(sorting)
+        count, squares, worst = 0, 0.0, 0.0
+        for k in range(rays):
+            if not np.isnan(edge[k]):
+                dx = axes[i, 0, 0] * towards[k, 0] + axes[i, 0, 1] * towards[k, 1]
+                dy = axes[i, 1, 0] * towards[k, 0] + axes[i, 1, 1] * towards[k, 1]
+                off = abs(edge[k] - middle) * np.sqrt(dx * dx + dy * dy)
+                squares += off * off
+                worst = max(worst, off)
+                count += 1
+        both[i, 0] = np.sqrt(squares / count) if count else np.inf
+        both[i, 1] = worst if count else np.inf
+    return both

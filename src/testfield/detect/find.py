@@ -7,7 +7,8 @@ import cv2
 import numpy as np
 
 from testfield.camera.images import SensorSheet
-from testfield.detect.runs import changes, empty_mask, runs_between
+from testfield.detect.runs import Sums, runs_above
+from testfield.store.compiled import compiled
 
 NOISE_FACTOR = 6.0
 FLATTEST = 0.2
@@ -21,8 +22,8 @@ fills, so that the gap between a small dot and its ring stays open; a dot wider 
 out as a whole."""
 LARGEST_ON_LEVEL_PX = 28.0
 """Larger dots are looked for in images of half the size, and so on."""
-BAND_ROWS = 128
-"""Rows that are compared with their threshold at a time: what is in use then stays in the processor's cache."""
+SAME_PLACE, SAME_SIZE = 0.3, 0.6
+"""How near to each other two blobs of the same dot are at most: parts of an octave of diameters, and octaves."""
 MOST_BLOBS = 50_000
 """More are not measured, the largest come first: a photograph of gravel must not take hours."""
 
@@ -81,80 +82,59 @@ def _blobs_of_level(
     """Centres and moments in full pixels, fullness and whether cut, of the blobs in an image reduced by `scale`;
     `half_dn` is that image halved."""
     h, w = level_dn.shape
-    threshold = _threshold(half_dn, sheet, window, NOISE_FACTOR / scale)
-    line, bright = empty_mask(BAND_ROWS, w)
-    found = []
-    for top in range(0, h, BAND_ROWS):
-        n = min(BAND_ROWS, h - top)
-        rows = slice(top, top + n)
-        cv2.compare(level_dn[rows], _doubled(threshold, rows, w), cv2.CMP_GT, dst=bright[:n])
-        found.append(changes(line[: n * (w + 1) + 1]) + top * (w + 1))
-    runs = runs_between(np.concatenate(found), w)
-    area = runs.area()
+    dark, slope, zero_dn = sheet.noise_line()
+    factor = (NOISE_FACTOR / scale) ** 2
+    width = min(window // 2, 2 * min(half_dn.shape) - 1)
+    b = runs_above(level_dn, half_dn, width, (factor * dark, factor * slope, zero_dn)).sums()
+    long, broad = np.maximum(b.right - b.left, b.bottom - b.top), (b.right - b.left) * (b.bottom - b.top)
     smallest_area = max(0.5 * np.pi / 4 * smallest_px**2 * FLATTEST, 6)
-    keep = (area >= smallest_area) & (area <= (1.1 * window) ** 2)
-    runs, area = runs.only(keep), area[keep]
-    left, upper, right, lower = runs.box()
-    width, height = right - left, lower - upper
-    longer = np.maximum(width, height)
-    keep = (longer <= 1.1 * window) & (longer >= max(0.7 * smallest_px, 3))
+    keep = (b.area >= smallest_area) & (b.area <= (1.1 * window) ** 2)
+    keep &= (long <= 1.1 * window) & (long >= max(0.7 * smallest_px, 3))
     # The least that an ellipse fills of its box is less where it lies across, but never this little.
-    keep &= area >= 0.15 * width * height
-    runs, area = runs.only(keep), area[keep]
-    cut = ((left == 0) | (upper == 0) | (right == w) | (lower == h))[keep]
+    keep &= b.area >= 0.15 * broad
+    b = Sums(*(values[keep] for values in vars(b).values()))
+    cut = (b.left == 0) | (b.top == 0) | (b.right == w) | (b.bottom == h)
 
-    x, y, xx, xy, yy = runs.moments()
     # A filled ellipse has area 4 pi sqrt(det of moments); anything with holes, arms or corners has less.
-    fullness = area / (4 * np.pi * np.sqrt(xx * yy - xy * xy))
-    spread = np.sqrt((xx - yy) ** 2 + 4 * xy * xy)
-    ratio = np.sqrt((xx + yy - spread) / (xx + yy + spread))
+    fullness = b.area / (4 * np.pi * np.sqrt(b.xx * b.yy - b.xy * b.xy))
+    spread = np.sqrt((b.xx - b.yy) ** 2 + 4 * b.xy * b.xy)
+    ratio = np.sqrt((b.xx + b.yy - spread) / (b.xx + b.yy + spread))
     good = (fullness > 1 - FULLEST_LACK) & (ratio > FLATTEST)
-    moments = np.stack([np.stack([xx, xy], -1), np.stack([xy, yy], -1)], -2)
-    centre = (np.column_stack([x, y]) + 0.5) * scale - 0.5
+    moments = np.stack([np.stack([b.xx, b.xy], -1), np.stack([b.xy, b.yy], -1)], -2)
+    centre = (np.column_stack([b.x, b.y]) + 0.5) * scale - 0.5
     return centre[good], moments[good] * scale**2, fullness[good], cut[good]
-
-
-def _threshold(half_dn: np.ndarray, sheet: SensorSheet, window: int, noise_factor: float) -> np.ndarray:
-    """The mean of a neighbourhood of `window` px of the full image, and so many times its noise, for each pixel of an
-    image of half the size: it is smooth."""
-    h, w = half_dn.shape
-    width = min(window // 2, 2 * min(h, w) - 1)
-    mean = cv2.blur(half_dn, (width, width), borderType=cv2.BORDER_REFLECT)
-    step = window // 9
-    coarse = cv2.resize(mean, (-(-w // step), -(-h // step)), interpolation=cv2.INTER_LINEAR)
-    noise = np.sqrt(sheet.variance_dn2(coarse)).astype(np.float32)
-    return cv2.scaleAdd(cv2.resize(noise, (w, h), interpolation=cv2.INTER_LINEAR), noise_factor, mean)
-
-
-def _doubled(half: np.ndarray, rows: slice, w: int) -> np.ndarray:
-    """Some rows, from an even one on, of the image of width `w` of which `half` was halved; an odd last row or column
-    repeats the one before."""
-    first, last = max(rows.start // 2 - 1, 0), min(rows.stop // 2 + 1, half.shape[0])
-    even_w = 2 * half.shape[1]
-    full = cv2.resize(half[first:last], (even_w, 2 * (last - first)), interpolation=cv2.INTER_LINEAR)
-    odd_row, odd_column = max(rows.stop - 2 * last, 0), w - even_w
-    if odd_row or odd_column:
-        full = cv2.copyMakeBorder(full, 0, odd_row, 0, odd_column, cv2.BORDER_REPLICATE)
-    return full[rows.start - 2 * first : rows.stop - 2 * first]
 
 
 def _distinct(xy: np.ndarray, size: np.ndarray, fullness: np.ndarray) -> np.ndarray:
     """Indices of blobs less those that another, fuller blob of like size and place stands for."""
-    from scipy.spatial import cKDTree
-
-    if len(xy) < 2:
-        return np.arange(len(xy))
+    n = len(xy)
     order = np.argsort(-fullness, kind="stable")
-    rank = np.empty(len(order), int)
-    rank[order] = np.arange(len(order))
-    # Place and size in one space, in which the same dot found twice is nearer than a fifth: sizes by their logarithm.
-    octave = np.floor(np.log2(np.maximum(size, 1)))
-    gone = np.zeros(len(xy), bool)
-    for k in np.unique(octave):
-        here = np.flatnonzero((octave == k) | (octave == k + 1))
-        step = 2.0**k
-        space = np.column_stack([xy[here] / (0.3 * step), np.log2(np.maximum(size[here], 1)) / 0.6])
-        pairs = cKDTree(space).query_pairs(1.0, output_type="ndarray")
-        a, b = here[pairs[:, 0]], here[pairs[:, 1]]
-        gone[np.where(rank[a] < rank[b], b, a)] = True
-    return np.flatnonzero(~gone)
+    rank = np.empty(n, int)
+    rank[order] = np.arange(n)
+    from_left = np.argsort(xy[:, 0], kind="stable")
+    octaves = np.log2(np.maximum(size, 1))[from_left]
+    units = SAME_PLACE * 2.0 ** np.floor(octaves)
+    gone = _outdone(np.ascontiguousarray(xy[from_left]), octaves, units, rank[from_left])
+    return np.sort(from_left[~gone])
+
+
+@compiled
+def _outdone(xy: np.ndarray, octaves: np.ndarray, units: np.ndarray, rank: np.ndarray) -> np.ndarray:
+    """(n,) which blobs, in the order of x, have one of better rank beside them.
+
+    Place and size in one space, in which the same dot found twice is nearer than 1: sizes by their octaves, and places
+    in the smaller one's unit. Blobs of octaves that do not follow on each other are never the same.
+    """
+    n = len(xy)
+    gone = np.zeros(n, np.bool_)
+    for i in range(n):
+        for j in range(i + 1, n):
+            dx, dy = xy[j, 0] - xy[i, 0], xy[j, 1] - xy[i, 1]
+            if dx > units[i]:
+                break
+            small, large = min(units[i], units[j]), max(units[i], units[j])
+            if abs(dy) <= small and large <= 2 * small:
+                more = (octaves[j] - octaves[i]) / SAME_SIZE
+                if dx * dx + dy * dy <= small * small * (1 - more * more):
+                    gone[j if rank[i] < rank[j] else i] = True
+    return gone

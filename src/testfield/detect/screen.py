@@ -1,7 +1,13 @@
 """A quick look at every blob: is it bright inside, and darker all around? What is not costs no fit."""
 
-import cv2
+from collections.abc import Sequence
+from functools import partial
+
 import numpy as np
+
+from testfield.detect.by_place import by_place
+from testfield.detect.sampling import WINDOW_PX, median_of, sampled
+from testfield.store.compiled import compiled
 
 RAYS = 24
 INSIDE, RIM = (0.4, 0.75), (1.35, 1.6)
@@ -19,60 +25,74 @@ def may_be_dots(
     `image_dn` (h, w) float32 of bright marks; `contrast_dn` and `noise_dn` (n,). Directions that lead out of the
     image are not asked. Blobs without finite numbers are none.
     """
-    n = len(xy_px)
-    answer = np.zeros(n, bool)
-    finite = np.flatnonzero(
-        np.isfinite(xy_px).all(1) & np.isfinite(moments_px2).all((1, 2)) & (contrast_dn > LEAST_SIGMAS * noise_dn)
-    )
-    if len(finite) == 0:
-        return answer
-    xy, contrast, noise = xy_px[finite], contrast_dn[finite], noise_dn[finite]
-    half_axes = half_axes_of(moments_px2[finite])
-    rim = np.stack([polar(image_dn, xy, half_axes, radius, RAYS) for radius in RIM]).min(axis=0)
-    inner, inside = (polar(image_dn, xy, half_axes, radius, RAYS) for radius in INSIDE)
-    known = ~np.isnan(rim)
-    rim[~known.any(axis=1)] = inner[np.isnan(inner).all(axis=1)] = 0  # out of the image altogether
-    ground, middle = median_known(rim), median_known(inner)
-    step = middle - ground
-    doubt = 3 * noise[:, None]
-    with np.errstate(invalid="ignore"):
-        dark = ~known | (rim - ground < DARKER * step + doubt)
-        even = np.isnan(inner) | (np.abs(inner - middle) < DARKER * step + doubt)
-        even &= np.isnan(inside) | (inside > ground + DARKER * step - doubt)
-        enough = known.mean(axis=1) > 0.5
-        answer[finite] = dark.all(1) & even.all(1) & enough & (step[:, 0] > 0.3 * contrast)
+    answer = np.isfinite(xy_px).all(1) & np.isfinite(moments_px2).all((1, 2)) & (contrast_dn > LEAST_SIGMAS * noise_dn)
+    asked = np.flatnonzero(answer)
+    axes, places = half_axes_of(moments_px2[asked]), circles((*RIM, *INSIDE), RAYS)
+    image = np.ascontiguousarray(image_dn, np.float32)
+    answer[asked] = by_place(partial(_spots, image, places), xy_px[asked], axes, contrast_dn[asked], noise_dn[asked])
     return answer
 
 
-def half_axes_of(moments_px2: np.ndarray) -> np.ndarray:
-    """Symmetric (n, 2, 2) that maps the unit circle onto the ellipse of the moments without turning it."""
-    values, vectors = np.linalg.eigh(4 * moments_px2)
-    return (vectors * np.sqrt(np.maximum(values, 0))[:, None, :]) @ np.swapaxes(vectors, 1, 2)
+@compiled
+def _spots(
+    image: np.ndarray,
+    places: np.ndarray,
+    xy: np.ndarray,
+    axes: np.ndarray,
+    contrast: np.ndarray,
+    noise: np.ndarray,
+) -> np.ndarray:
+    """Of spots whose `places` are those of the rims and the insides, one circle behind the other."""
+    rays = len(places) // 4
+    answer = np.zeros(len(xy), np.bool_)
+    values, sorting = np.empty(4 * rays, np.float32), np.empty(rays, np.float32)
+    near, rim, inner, inside = values[:rays], values[rays : 2 * rays], values[2 * rays : 3 * rays], values[3 * rays :]
+    window = np.empty((WINDOW_PX, WINDOW_PX), np.float32)
+    for i in range(len(xy)):
+        sampled(image, xy[i], axes[i], places, window, values)
+        known = 0
+        for k in range(rays):
+            if near[k] < rim[k] or np.isnan(near[k]):
+                rim[k] = near[k]
+            known += not np.isnan(rim[k])
+            sorting[k] = rim[k]
+        if known <= rays / 2:
+            continue
+        ground = median_of(sorting)
+        for k in range(rays):
+            sorting[k] = inner[k]
+        middle = median_of(sorting)
+        step, doubt = middle - ground, 3 * noise[i]
+        most = DARKER * step + doubt
+        good = step > 0.3 * contrast[i]
+        for k in range(rays):
+            # What is not known compares with nothing, and is not asked.
+            if rim[k] - ground >= most or abs(inner[k] - middle) >= most or inside[k] <= middle - most:
+                good = False
+        answer[i] = good
+    return answer
 
 
-def polar(image: np.ndarray, xy_px: np.ndarray, half_axes: np.ndarray, radius: float, count: int) -> np.ndarray:
-    """(n, count) bilinear values on the ellipses of relative `radius`, at equal angles clockwise in the image (the
-    first half a step from +x); NaN outside the image."""
+def circles(radii: Sequence[float], count: int) -> np.ndarray:
+    """(r * count, 2) places on circles, on each at equal angles clockwise in the image, the first half a step from
+    +x."""
     angle = 2 * np.pi * (np.arange(count) + 0.5) / count
-    circle = (radius * np.stack([np.cos(angle), np.sin(angle)])).astype(np.float32)
-    place, half_axes = xy_px.astype(np.float32), half_axes.astype(np.float32)
-    return sample(image, place[:, :1] + half_axes[:, 0] @ circle, place[:, 1:] + half_axes[:, 1] @ circle)
+    return np.concatenate([radius * np.column_stack([np.cos(angle), np.sin(angle)]) for radius in radii])
 
 
-def sample(image: np.ndarray, x_px: np.ndarray, y_px: np.ndarray) -> np.ndarray:
-    """Bilinear values at (n, k) places, NaN outside the image; in blocks that OpenCV's size limit allows."""
-    x, y = x_px.astype(np.float32, copy=False), y_px.astype(np.float32, copy=False)
-    out = np.empty(x.shape, np.float32)
-    for start in range(0, len(x), 8192):
-        part = slice(start, start + 8192)
-        out[part] = cv2.remap(image, x[part], y[part], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    h, w = image.shape
-    if not all(v.min(initial=0) >= -0.5 and v.max(initial=0) <= size - 0.5 for v, size in ((x, w), (y, h))):
-        out[(x < -0.5) | (y < -0.5) | (x > w - 0.5) | (y > h - 0.5)] = np.nan
-    return out
+def half_axes_of(moments_px2: np.ndarray) -> np.ndarray:
+    """Symmetric (n, 2, 2) that maps the unit circle onto the ellipse of the moments without turning it.
 
-
-def median_known(values: np.ndarray) -> np.ndarray:
-    """(n, 1) medians of the rows, of what is known in them: NaN stands for the rest, and is slow to leave out."""
-    median = np.nanmedian if np.isnan(values).any() else np.median
-    return median(values, axis=1, keepdims=True)
+    Of a positive matrix the root is the matrix plus the root of its determinant, over the root of its trace plus twice
+    that; of others what is negative counts as nothing.
+    """
+    m = 4 * np.asarray(moments_px2, float)
+    determinant, trace = m[:, 0, 0] * m[:, 1, 1] - m[:, 0, 1] ** 2, m[:, 0, 0] + m[:, 1, 1]
+    positive = (determinant > 0) & (trace > 0)
+    root = np.sqrt(np.where(positive, determinant, 1))
+    axes = (m + root[:, None, None] * np.eye(2)) / np.sqrt(np.where(positive, trace + 2 * root, 1))[:, None, None]
+    others = np.flatnonzero(~positive)
+    if len(others):
+        values, vectors = np.linalg.eigh(m[others])
+        axes[others] = (vectors * np.sqrt(np.maximum(values, 0))[:, None, :]) @ np.swapaxes(vectors, 1, 2)
+    return axes
