@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "README.md").read_text(encoding="utf-8")
 PAGES = [
     ROOT / "README.md",
-    *(ROOT / f"src/testfield/{name}.md" for name in ("FIGURES", "FORMATS", "METHODS", "README")),
+    *(ROOT / f"src/testfield/{name}.md" for name in ("FIGURES", "FORMATS", "METHODS", "OWN_ALGORITHMS", "README")),
 ]
 
 

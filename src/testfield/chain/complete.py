@@ -22,8 +22,10 @@ def complete(
     jobs: int = 1,
     force: bool = False,
     warn: Callable[[list[str]], None] = lambda warnings: None,
+    stages: tuple[str, ...] = tuple(STAGES),
 ) -> tuple[Run, bool]:
-    """The finished run of a scene, and whether anything had to be made. `warn` is told the scene's warnings first.
+    """The run of a scene with its `stages` finished, and whether anything had to be made. `warn` is told the scene's
+    warnings first.
 
     With a `noise_seed` the world is rendered in its own folder, and its radiance shared. With `force` all that the run
     itself made is made again. Raises `TestfieldError` as `checked` does, and where frames of others would be touched.
@@ -35,12 +37,12 @@ def complete(
     warn(warnings)
     if run.folder == base.folder:
         with only_writer(run.folder):
-            return run, _do(base, content, warnings, force, tuple(STAGES))
+            return run, _do(base, content, warnings, force, stages)
     with only_writer(base.folder), only_writer(run.folder):
         made = _do(base, content, warnings, force, ("render",))
         _begin(run, noise_content, warnings, force)
         share_radiance(base, run)
-        return run, _do(run, noise_content, warnings, False, tuple(STAGES)) or made
+        return run, _do(run, noise_content, warnings, False, stages) or made
 
 
 def stage(run: Run, name: str) -> bool:

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from testfield.evaluate.comparison import Comparison
 
+from testfield.cli.show import add_load
+
 
 def add(commands: Any) -> None:
     """Enter the command."""
@@ -48,6 +50,7 @@ def add(commands: Any) -> None:
     )
     p.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes (default: one a core)")
     p.add_argument("--json", action="store_true", help="print differences and summary as one JSON object")
+    add_load(p)
     p.set_defaults(act=act)
 
 

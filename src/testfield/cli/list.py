@@ -3,7 +3,12 @@
 import argparse
 from typing import Any
 
-KINDS = ("scenes", "centroids", "calibrators", "reconstructors", "lenses", "boards", "sensors")
+from testfield.cli.show import add_load
+
+ALGORITHMS = ("detectors", "finders", "centroids", "decoders", "calibrators", "reconstructors")
+KINDS = ("scenes", *ALGORITHMS, "lenses", "boards", "sensors")
+NONE = "none; this project's own is no algorithm of a recipe"
+"""What is said of a kind of which only somebody else's are chosen by name."""
 
 
 def add(commands: Any) -> None:
@@ -13,11 +18,12 @@ def add(commands: Any) -> None:
     )
     p.add_argument("what", nargs="?", choices=KINDS, metavar="WHAT", help=f"one of {', '.join(KINDS)} (default: all)")
     p.add_argument("--json", action="store_true", help="print one JSON object")
+    add_load(p)
     p.set_defaults(act=act)
 
 
 def act(args: argparse.Namespace) -> int:
-    """Print name and first sentence of each."""
+    """Print name and first sentence of each; of a package that cannot be imported, why."""
     import json
 
     found = {kind: _rows(kind) for kind in ([args.what] if args.what else KINDS)}
@@ -26,7 +32,9 @@ def act(args: argparse.Namespace) -> int:
         return 0
     for kind, rows in found.items():
         print("sensors (sensor.preset)" if kind == "sensors" else kind)
-        width = max(16, *(len(name) for name in rows))
+        if not rows:
+            print(f"  {NONE}")
+        width = max([16, *(len(name) for name in rows)])
         for name, row in rows.items():
             print(f"  {name:<{width}} {row['what']}")
             if "source" in row:
@@ -45,9 +53,19 @@ def _rows(kind: str) -> dict[str, dict[str, str]]:
             name: {"what": one["description"] + doubt[one["verified"]], "source": one["source"]}
             for name, one in presets().items()
         }
-    from testfield.registry import find, names
+    from testfield.registry import names
 
-    return {name: {"what": (find(kind, name).__doc__ or "").strip().split("\n")[0]} for name in names(kind)}
+    return {name: _said(kind, name) for name in names(kind)}
+
+
+def _said(kind: str, name: str) -> dict[str, str]:
+    from testfield.errors import TestfieldError
+    from testfield.registry import find
+
+    try:
+        return {"what": (find(kind, name).__doc__ or "").strip().split("\n")[0]}
+    except TestfieldError as error:
+        return {"what": f"BROKEN: {error.sentence()}"}
 
 
 def _scenes() -> dict[str, dict[str, str]]:

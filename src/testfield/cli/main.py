@@ -5,9 +5,11 @@ import os
 import sys
 import textwrap
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 from testfield.errors import TestfieldError, faults_in
+from testfield.registry import load_file
 from testfield.store.disk import spoken
 from testfield.store.text import speak_in_any_locale
 from testfield.version import __version__
@@ -20,6 +22,8 @@ MODULES = (
     "uncertainty",
     "accept",
     "compare",
+    "export",
+    "new",
     "study",
     "validate",
     "preview",
@@ -37,7 +41,7 @@ GROUPS = {
     "what a run holds": ("accept", "uncertainty"),
     "one stage of a run": ("render", "expose", "detect", "calibrate", "reconstruct", "score", "report"),
     "photographs": ("measure", "codes"),
-    "ways to measure": ("compare", "study"),
+    "ways to measure": ("compare", "export", "new", "study"),
     "the program itself": ("certify", "bench"),
     "to look up": ("list", "schema", "completion"),
 }
@@ -98,12 +102,14 @@ def main(arguments: list[str] | None = None) -> int:
     """Run one command; the exit status is 0, 1 for a verdict that fails, 2 for something the user can mend, 130 where
     interrupted. Without a command, all of them are shown."""
     speak_in_any_locale()
-    top = parser()
-    args = top.parse_args(arguments)
-    if args.command is None:
-        top.print_help()
-        return 0
+    args = argparse.Namespace()
     try:
+        load_named(sys.argv[1:] if arguments is None else arguments)
+        top = parser()
+        args = top.parse_args(arguments)
+        if args.command is None:
+            top.print_help()
+            return 0
         status = args.act(args)
         sys.stdout.flush()
         return status
@@ -124,6 +130,18 @@ def main(arguments: list[str] | None = None) -> int:
         return _refused(spoken_error)
     except MemoryError:
         return _refused(TestfieldError("this needs more memory than there is", "", "make it smaller"))
+
+
+def load_named(arguments: list[str]) -> None:
+    """Load the Python files that a command names by `--load`, before its options offer the names they add.
+
+    Raises `TestfieldError` where one cannot be imported.
+    """
+    early = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+    early.add_argument("--load", type=Path, action="append", default=[], nargs="?")
+    for path in early.parse_known_args(arguments)[0].load:
+        if path is not None:
+            load_file(path)
 
 
 def _refused(error: TestfieldError) -> int:

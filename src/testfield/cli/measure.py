@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from testfield.cli.show import add_strict
+from testfield.cli.show import add_load, add_strict
 
 
 def add(commands: Any) -> None:
@@ -37,6 +37,7 @@ def add(commands: Any) -> None:
     p.add_argument("--bayer", metavar="ORDER", help="the images are raw mosaics: RGGB, BGGR, GRBG or GBRG")
     p.add_argument("--smallest-px", type=float, default=5.0, metavar="PX", help="least diameter of a dot (default: 5)")
     p.add_argument("--json", action="store_true", help="print one JSON object")
+    add_load(p)
     add_strict(p)
     p.set_defaults(act=act)
 

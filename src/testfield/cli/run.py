@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from testfield.cli.show import add_strict
+from testfield.cli.show import add_load, add_strict
 
 
 def add(commands: Any) -> None:
@@ -32,6 +32,7 @@ def add(commands: Any) -> None:
         help="processes at once (default: one a core)",
     )
     p.add_argument("--json", action="store_true", help="print the scorecard as one JSON object")
+    add_load(p)
     add_strict(p)
     p.set_defaults(act=act)
 

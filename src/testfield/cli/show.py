@@ -25,6 +25,18 @@ def failures_in(path: Path) -> list[str]:
     return [str(failure) for failure in verdict.get("failures", ())] if isinstance(verdict, dict) else []
 
 
+def add_load(parser: argparse.ArgumentParser) -> None:
+    """The option `--load`, which `main` has obeyed before it knew the command."""
+    parser.add_argument(
+        "--load",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="FILE.py",
+        help="a Python file of your own, whose registered algorithms are known then (OWN_ALGORITHMS.md)",
+    )
+
+
 def add_strict(parser: argparse.ArgumentParser) -> None:
     """The option `--strict`, in the words that all commands have for it."""
     parser.add_argument(

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from testfield.cli.colour import good
+from testfield.cli.show import add_load
 
 if TYPE_CHECKING:
     from testfield.chain.run import Run
@@ -17,6 +18,7 @@ def add(commands: Any) -> None:
     )
     p.add_argument("scene", type=Path, metavar="SCENE", help="a scene file (TOML), or the name of one that comes along")
     p.add_argument("--json", action="store_true", help="print one JSON object")
+    add_load(p)
     p.set_defaults(act=act)
 
 

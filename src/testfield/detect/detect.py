@@ -1,6 +1,6 @@
 """One frame to its observations: find, centre, decode, identify."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any
 
@@ -20,6 +20,7 @@ from testfield.detect.find import find_blobs
 from testfield.detect.identify import identify
 from testfield.detect.observations import MEASURED, Observations
 from testfield.detect.one_row import first_rows
+from testfield.detect.ones_own import blobs_of, numbers_of
 from testfield.detect.outline import POLYGON, UNEVEN, UNTOLD, shapes
 from testfield.detect.screen import may_be_dots
 from testfield.detect.square_boards import detect_squares
@@ -57,18 +58,35 @@ LEAST_CONTRAST = 5.0
 
 
 def detect(
-    frame: Frame, field: Field, centroid: str, smallest_px: float, options: Mapping[str, Any] = NO_OPTIONS
+    frame: Frame,
+    field: Field,
+    centroid: str,
+    smallest_px: float,
+    options: Mapping[str, Any] = NO_OPTIONS,
+    finder: Callable | None = None,
+    decoder: Callable | None = None,
 ) -> Observations:
     """Observations of one frame.
 
     `field` tells which code the rings carry, their polarity and what the boards look like; `centroid` names the
-    estimator, which is given `options`; dots of less than `smallest_px` are not looked for.
+    estimator, which is given `options`; dots of less than `smallest_px` are not looked for. A `finder` or a `decoder`
+    of somebody's own (OWN_ALGORITHMS.md) takes the place of `find_blobs` or `decode`.
     """
     squares, printed = detect_squares(frame, field)
     if not field.loose and all(board.has_corners for board in field.boards):
         return squares
     image, sheet = bright_marks(frame, field.white_on_black)
-    targets = measure_targets(image, sheet, centroid, smallest_px, field.bits, field.radii, options=options)
+    targets = measure_targets(
+        image,
+        sheet,
+        centroid,
+        smallest_px,
+        field.bits,
+        field.radii,
+        options=options,
+        finder=finder,
+        decoder=decoder,
+    )
     good = targets.status == MEASURED
     n = len(targets.status)
     board, point = np.full(n, -1), np.full(n, -1)
@@ -103,6 +121,8 @@ def measure_targets(
     largest_px: float = LARGEST_PX,
     by_contour: bool = False,
     options: Mapping[str, Any] = NO_OPTIONS,
+    finder: Callable | None = None,
+    decoder: Callable | None = None,
 ) -> Targets:
     """Find, centre and decode in an image (h, w) float32 of bright marks; `bits` None: plain dots, rings are not read.
 
@@ -110,7 +130,10 @@ def measure_targets(
     shadows cross dots and whose noise is only estimated; what the model leaves unexplained then widens the covariance.
     Every blob that stands alone on darker ground gets a row, whether it was measured or not.
     """
-    blobs = find_blobs(image, sheet, smallest_px, largest_px)
+    if finder is None:
+        blobs = find_blobs(image, sheet, smallest_px, largest_px)
+    else:
+        blobs = blobs_of(finder(image, sheet, smallest_px, largest_px))
     rough = find("centroids", ROUGH)(image, sheet, blobs.xy_px, blobs.moments_px2)
     noise = np.sqrt(sheet.variance_dn2(np.nan_to_num(rough.background_dn + rough.contrast_dn / 2)))
     of_size = rough.ok & (_diameter(rough.moments_px2) > 0.7 * smallest_px)
@@ -155,16 +178,14 @@ def measure_targets(
     else:
         # A number is worth knowing even where the centre is not to be trusted.
         read = good | (status == "saturated")
-        code[read], affine[read], doubt[read] = decode(
-            image,
-            centres.xy_px[read],
-            centres.moments_px2[read],
-            centres.contrast_dn[read],
-            centres.background_dn[read],
-            bits,
-            radii,
-        )
-        number = np.flatnonzero(code > 0)
+        dots = (centres.xy_px, centres.moments_px2, centres.contrast_dn, centres.background_dn)
+        asked_of = (image, *(values[read] for values in dots), bits, radii)
+        if decoder is None:
+            code[read], affine[read], doubt[read] = decode(*asked_of)
+        else:
+            code[read] = numbers_of(decoder(*asked_of), int(read.sum()))
+        # Somebody else's numbers say nothing of where a ring's segments are.
+        number = np.flatnonzero(code > 0) if decoder is None else np.zeros(0, int)
         words = word_of_number(code[number], bits)
         rows = number[good[number]]
         if centroid == ROUGH:  # who asks for it is in a hurry

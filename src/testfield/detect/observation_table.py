@@ -43,19 +43,16 @@ def read_table(path: Path, field: Field | None, size_px: tuple[int, int] | None)
     return column, extra
 
 
-def read_of_one_image(path: Path, station: str, field: Field, size_px: tuple[int, int]) -> dict[str, Any]:
+def read_of_one_image(path: Path, station: str, field: Field, size_px: tuple[int, int], most: int) -> dict[str, Any]:
     """Columns by name of a table of one image, of which may be left out what can be told: the station, the status of
-    what is measured, the board of a sheet that has one, the number that a row does not carry.
+    what is measured, the board of a sheet that has one, the number that a row does not carry. Without columns code
+    and point all rows are of marks that nobody named: code 0, board and point -1.
 
-    Raises `TestfieldError` as `read_table` does, and where no column says which mark a row is of.
+    Raises `TestfieldError` as `read_table` does, and for more than `most` rows.
     """
     table = open_table(path)
-    if len(table.missing(("code", "point"))) == 2:
-        raise TestfieldError(
-            f"no column says which mark a row is of (there are {', '.join(table.columns.column_names[:12])})",
-            str(path),
-            "write a column code, or the columns board and point",
-        )
+    if len(table) > most:
+        raise TestfieldError(f"{len(table):,} rows are more than one image has targets", str(path), f"write {most:,}")
     column = _columns(table, {"station": station, "status": MEASURED, "code": 0, "board": -1, "point": -1})
     if table.missing(("board",)) and len(field.boards) == 1:
         column["board"] = np.where(column["point"] >= 0, 0, -1)
@@ -151,6 +148,7 @@ class _Rows:
         key = ", ".join(f"{name} {self.column[name][k]}" for name in ("station", "board", "point", "code"))
         more = f" (and {int(bad.sum()) - 1} more rows)" if bad.sum() > 1 else ""
         value = self.column[column][k]
+        value = value.item() if isinstance(value, np.generic) else value
         said = f"{value:g}" if isinstance(value, float) else f"{value!r}"
         yield TestfieldError(f"{self.table.place(k)} ({key}), {column} = {said}: {why}{more}", str(self.path), do)
 

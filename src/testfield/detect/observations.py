@@ -114,30 +114,37 @@ class Observations:
         import pyarrow as pa
         import pyarrow.parquet as pq
 
-        cov, moments = self.cov_px2, self.moments_px2
-        table = pa.table(
-            {
-                "station": np.array(self.stations, dtype=object)[self.station],
-                "x_px": self.xy_px[:, 0],
-                "y_px": self.xy_px[:, 1],
-                "cov_xx_px2": cov[:, 0, 0],
-                "cov_xy_px2": cov[:, 0, 1],
-                "cov_yy_px2": cov[:, 1, 1],
-                "moment_xx_px2": moments[:, 0, 0],
-                "moment_xy_px2": moments[:, 0, 1],
-                "moment_yy_px2": moments[:, 1, 1],
-                "code": self.code,
-                "board": self.board,
-                "point": self.point,
-                "chi2": self.chi2,
-                "status": self.status.astype(str),
-            }
-        )
         notes = {"format": str(FORMAT), "stations": "\n".join(self.stations)}
         notes |= {"centre_of_disc": str(self.centre_of_disc)}
         for name, values in (("cameras", self.cameras), ("places", self.places), ("times", self.times)):
             notes |= {name: "\n".join(map(str, values))} if values else {}
-        pq.write_table(table.replace_schema_metadata(notes), path)
+        pq.write_table(pa.table(self._table()).replace_schema_metadata(notes), path)
+
+    def save_csv(self, path: Path) -> None:
+        """Write the same columns as CSV, which has no place for what the metadata say."""
+        import pyarrow as pa
+        from pyarrow import csv
+
+        csv.write_csv(pa.table(self._table()), path)
+
+    def _table(self) -> dict[str, np.ndarray]:
+        cov, moments = self.cov_px2, self.moments_px2
+        return {
+            "station": np.array(self.stations, dtype=object)[self.station],
+            "x_px": self.xy_px[:, 0],
+            "y_px": self.xy_px[:, 1],
+            "cov_xx_px2": cov[:, 0, 0],
+            "cov_xy_px2": cov[:, 0, 1],
+            "cov_yy_px2": cov[:, 1, 1],
+            "moment_xx_px2": moments[:, 0, 0],
+            "moment_xy_px2": moments[:, 0, 1],
+            "moment_yy_px2": moments[:, 1, 1],
+            "code": self.code,
+            "board": self.board,
+            "point": self.point,
+            "chi2": self.chi2,
+            "status": self.status.astype(str),
+        }
 
     @staticmethod
     def load(path: Path, field: Field | None = None, size_px: tuple[int, int] | None = None) -> "Observations":

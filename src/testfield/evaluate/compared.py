@@ -17,6 +17,7 @@ from testfield.evaluate.failures import KIND, Kind, failure_columns
 from testfield.evaluate.measured import flat, frames_of
 from testfield.measure.pipeline import calibrate, detect, reconstruct
 from testfield.measure.recipe import Recipe
+from testfield.measure.results import recipe_at
 from testfield.score.camera import score_boards
 from testfield.score.detection import EXPECTED_PX, DetectionScore, score_detection
 from testfield.score.points import score_lengths, score_points
@@ -57,6 +58,7 @@ def compared_row(case: Case, run: Run | None) -> list[dict[str, Any]]:
     recipe = case.recipe or recipe_of(run.scene)
     recipe.check(recipe.name)
     frames = _frames(case, run)
+    recipe = recipe_at(recipe, frames)
     _warm_up(recipe, frames[0], run)
     with one_blas_thread(), peak_memory() as memory:
         row = _measured(frames, run, recipe, Until(case.options.get("until", Until.RECONSTRUCT.value)))

@@ -12,6 +12,7 @@ from testfield.detect.observations import Observations
 from testfield.errors import TestfieldError
 from testfield.evaluate.case import Case
 from testfield.measure.pipeline import Measured, detect, measure
+from testfield.measure.results import recipe_at
 from testfield.scene.exposure import sensor_of
 from testfield.score.scorecard import plain, scorecard
 from testfield.sensor.expose import expose
@@ -28,6 +29,7 @@ def scorecard_row(case: Case, run: Run | None) -> list[dict[str, Any]]:
     recipe = case.recipe or recipe_of(run.scene)
     recipe.check(recipe.name)
     frames = frames_of(case, run)
+    recipe = recipe_at(recipe, frames)
     seen = Observations.join([detect(frame, run.field, recipe) for frame in frames], run.stations)
     found = measure(run.truth.by_cameras(seen), run.field, recipe)
     return [flat(plain(_scorecard(found, run)))]

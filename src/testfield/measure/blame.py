@@ -11,9 +11,21 @@ from testfield.registry import KINDS, find
 OWN_PACKAGES = ("testfield", "testfield_studies")
 
 
+class Crashed(TestfieldError):
+    """An error of somebody else's code or program, which a comparison counts as a crash."""
+
+    kind = "crashed"
+
+
+class TimedOut(TestfieldError):
+    """A program that did not end, which a comparison counts as such."""
+
+    kind = "timed out"
+
+
 @contextmanager
 def blamed(stage: str, name: str) -> Iterator[None]:
-    """What an algorithm of somebody else's raises becomes a `TestfieldError` that names it, its file and line."""
+    """What an algorithm of somebody else's raises becomes a `Crashed` that names it, its file and line."""
     try:
         yield
     except TestfieldError:
@@ -26,4 +38,4 @@ def blamed(stage: str, name: str) -> Iterator[None]:
         lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
         said = " ".join(f"{type(error).__name__}: {error}".split())[:200]
         where = f"{Path(file).name}, line {lines[-1]}" if lines else f"{function.__module__}, {name}"
-        raise TestfieldError(f"{KINDS[stage]} '{name}' crashed ({said})", where, "mend it") from error
+        raise Crashed(f"{KINDS[stage]} '{name}' crashed ({said})", where, "mend it") from error

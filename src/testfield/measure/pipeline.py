@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from inspect import signature
 
 from testfield.calibrate.calibration import Calibration
@@ -10,7 +11,11 @@ from testfield.detect.detect import detect as detect_frame
 from testfield.detect.observations import Observations
 from testfield.errors import TestfieldError
 from testfield.measure.blame import blamed
-from testfield.measure.recipe import Recipe
+from testfield.measure.calibrator import calibrated_by_files, calibrated_by_program, points_from_files
+from testfield.measure.detector import by_program, from_files
+from testfield.measure.outside import Program, Results
+from testfield.measure.recipe import Algorithm, Recipe
+from testfield.measure.results import recipe_at
 from testfield.measure.stated import taken_calibration, taken_observations, taken_points
 from testfield.measure.weights import calibrated, weighed_by
 from testfield.reconstruct.points import Points
@@ -33,6 +38,8 @@ def measure(seen: Observations | Sequence[Frame], field: Field, recipe: Recipe) 
     `field` is what the measuring side is told, cameras included. Raises `TestfieldError` where the frames or the field
     do not determine the result.
     """
+    if not isinstance(seen, Observations):
+        recipe = recipe_at(recipe, seen)
     observations = seen if isinstance(seen, Observations) else detect_all(seen, field, recipe)
     calibration = calibrate(observations, field, recipe)
     return Measured(observations, calibration, reconstruct(observations, calibration, field, recipe))
@@ -44,11 +51,29 @@ def detect_all(frames: Sequence[Frame], field: Field, recipe: Recipe) -> Observa
 
 
 def detect(frame: Frame, field: Field, recipe: Recipe) -> Observations:
-    """Observations of one frame; a covariance need not be stated."""
-    name = recipe.centroid.name
-    with blamed("centroids", name):
-        found = detect_frame(frame, field, name, recipe.smallest_diameter_px, recipe.centroid.options)
-        return taken_observations(found, name)
+    """Observations of one frame, by whatever the recipe detects with; a covariance need not be stated."""
+    recipe.prepare()
+    own = recipe.detector
+    if isinstance(own, Program):
+        return taken_observations(by_program(frame, field, own), own.name)
+    if isinstance(own, Results):
+        return taken_observations(from_files(frame, field, own), str(own.folder))
+    if own is not None:
+        with blamed("detectors", own.name):
+            return taken_observations(find("detectors", own.name)(frame, field, **own.options), own.name)
+    parts = {"finder": _part("finders", recipe.finder), "decoder": _part("decoders", recipe.decoder)}
+    given = {name: part for name, part in parts.items() if part is not None}
+    # Whose crash it is cannot be told from where it surfaces: the part that is somebody's own is named.
+    blame = next(((f"{name}s", getattr(recipe, name).name) for name in given), ("centroids", recipe.centroid.name))
+    with blamed(*blame):
+        found = detect_frame(
+            frame, field, recipe.centroid.name, recipe.smallest_diameter_px, recipe.centroid.options, **given
+        )
+        return taken_observations(found, recipe.centroid.name)
+
+
+def _part(stage: str, part: Algorithm | None) -> partial | None:
+    return None if part is None else partial(find(stage, part.name), **part.options)
 
 
 def calibrate(observations: Observations, field: Field, recipe: Recipe) -> Calibration:
@@ -56,7 +81,13 @@ def calibrate(observations: Observations, field: Field, recipe: Recipe) -> Calib
 
     Raises `TestfieldError` where a calibrator cannot do the field.
     """
+    recipe.prepare()
     observations, field = by_time(observations, field)
+    own = recipe.calibrated_by
+    if isinstance(own, Program):
+        return taken_calibration(calibrated_by_program(observations, field, own), own.name)
+    if own is not None:
+        return taken_calibration(calibrated_by_files(observations, field, own), str(own.folder))
     name, options = recipe.calibrator.name, dict(recipe.calibrator.options)
     cameras = tuple(replace(camera, lens=recipe.lens or camera.lens) for camera in field.cameras)
     if not cameras:
@@ -88,6 +119,9 @@ def by_time(observations: Observations, field: Field) -> tuple[Observations, Fie
 
 def reconstruct(observations: Observations, calibration: Calibration, field: Field, recipe: Recipe) -> Points:
     """Targets that belong to no board, with their joint covariance where the reconstructor states one."""
+    recipe.prepare()
+    if recipe.points_from is not None:
+        return taken_points(points_from_files(recipe.points_from), str(recipe.points_from.folder))
     method = recipe.reconstructor
     observations, field = by_time(weighed_by(observations, calibration), field)
     with blamed("reconstructors", method.name):

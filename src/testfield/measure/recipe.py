@@ -2,22 +2,18 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from inspect import Parameter, signature
 from pathlib import Path
-from typing import Annotated, Any
-
-import pydantic
+from typing import Any
 
 from testfield.camera.interior import check_held
 from testfield.errors import TestfieldError, nearest
-from testfield.registry import find, names
-from testfield.store.toml import parse_toml, read_toml
+from testfield.measure.outside import Program, Results
+from testfield.measure.signature import check_signature, options_of
+from testfield.registry import KINDS, load_file, names
+
+__all__ = ["Algorithm", "Loaded", "Recipe", "options_of"]
 
 SMALLEST_DIAMETER_PX = 5.0
-GIVEN = {"centroids": 4, "calibrators": 4, "reconstructors": 3}
-"""How many arguments the pipeline gives by position; everything else that an algorithm takes is an option."""
-INTERNAL = ("cameras", "misfit")
-"""Arguments that only the pipeline gives."""
 
 
 @dataclass(frozen=True)
@@ -29,11 +25,23 @@ class Algorithm:
 
 
 @dataclass(frozen=True)
+class Loaded:
+    """A Python file that a recipe loads, and the digest that it had."""
+
+    path: Path
+    digest: str
+
+
+@dataclass(frozen=True)
 class Recipe:
     """Centroid estimator, calibrator and reconstructor; dots of less than `smallest_diameter_px` are not looked for.
 
     Of the calibrator's options, `lens` (absent: what the field sheet says of each camera) and `hold` (parameters at
     zero) are common to all; `board` names the one board of those that use a single one.
+
+    A `detector` of one's own, a program, or observations that were made elsewhere take the place of everything that
+    happens to a frame; a `finder` or `decoder` only that of this project's. `calibrated_by` takes the calibrator's
+    place, `points_from` the reconstructor's. `files` are Python files that are imported before names are looked up.
     """
 
     name: str = "default"
@@ -41,52 +49,47 @@ class Recipe:
     calibrator: Algorithm = Algorithm("stitched")
     reconstructor: Algorithm = Algorithm("gls")
     smallest_diameter_px: float = SMALLEST_DIAMETER_PX
+    detector: Algorithm | Program | Results | None = None
+    finder: Algorithm | None = None
+    decoder: Algorithm | None = None
+    calibrated_by: Program | Results | None = None
+    points_from: Results | None = None
+    files: tuple[Loaded, ...] = ()
 
     @staticmethod
     def load(path: Path) -> "Recipe":
-        """The recipe in a TOML file. Raises `TestfieldError` where a field, an algorithm or an option is unknown."""
-        data = parse_toml(read_toml(path, "recipe"), str(path))
-        try:
-            sheet = _RecipeFile.model_validate(data)
-        except pydantic.ValidationError as error:
-            first = error.errors(include_url=False)[0]
-            place = ".".join(str(part) for part in first["loc"])
-            said = "unknown field" if first["type"] == "extra_forbidden" else first["msg"]
-            raise TestfieldError(
-                f"{said[0].lower()}{said[1:]}", f"{path}, {place}", nearest(str(first["loc"][-1]), list(_FIELDS))
-            ) from error
-        recipe = Recipe(
-            name=sheet.name or path.stem,
-            centroid=sheet.centroid.algorithm,
-            calibrator=sheet.calibrator.algorithm,
-            reconstructor=sheet.reconstructor.algorithm,
-            smallest_diameter_px=sheet.smallest_diameter_px,
-        )
-        recipe.check(str(path))
-        return recipe
+        """The recipe in a TOML file. Raises `TestfieldError` where a field, an algorithm, an option, a program or a
+        file is unknown."""
+        from testfield.measure.recipe_file import read_recipe
+
+        return read_recipe(path)
 
     def check(self, source: str) -> None:
-        """Raise `TestfieldError` where an algorithm is unknown or does not take an option; `source` is what the
-        message calls the recipe."""
+        """Raise `TestfieldError` where an algorithm is unknown, does not take an option, or does not take what it is
+        given; `source` is what the message calls the recipe."""
+        self.prepare()
         for stage, one in self.stages.items():
             where = f"{source}, {stage.removesuffix('s')}"
             if one.name not in names(stage):
-                raise TestfieldError(
-                    f"no {stage.removesuffix('s')} is called '{one.name}'", where, nearest(one.name, names(stage))
-                )
-            known = options_of(stage, one.name)
-            for option in one.options:
-                if known is not None and option not in known:
-                    raise TestfieldError(
-                        f"'{one.name}' takes no option '{option}'", f"{where}.{option}", nearest(option, known)
-                    )
+                known = names(stage)
+                do = nearest(one.name, known) if known else "register one, and load its file"
+                raise TestfieldError(f"no {KINDS[stage]} is called '{one.name}'", where, do)
+            check_signature(stage, one.name, one.options, where)
         if self.lens is not None:
             check_held(self.hold, self.lens, f"{source}, calibrator.hold")
 
+    def prepare(self) -> None:
+        """Import what the recipe loads, in whatever process it has come to."""
+        for file in self.files:
+            load_file(file.path)
+
     @property
     def stages(self) -> dict[str, Algorithm]:
-        """The algorithms by their stage in the registry."""
-        return {"centroids": self.centroid, "calibrators": self.calibrator, "reconstructors": self.reconstructor}
+        """The algorithms that are used, by their stage in the registry."""
+        by_name = {"centroids": self.centroid, "calibrators": self.calibrator, "reconstructors": self.reconstructor}
+        by_name |= {"finders": self.finder} if self.finder else {}
+        by_name |= {"decoders": self.decoder} if self.decoder else {}
+        return by_name | ({"detectors": self.detector} if isinstance(self.detector, Algorithm) else {})
 
     @property
     def lens(self) -> str | None:
@@ -97,40 +100,3 @@ class Recipe:
     def hold(self) -> tuple[str, ...]:
         """Parameters of the calibrated lens that are held at zero."""
         return tuple(self.calibrator.options.get("hold", ()))
-
-
-def options_of(stage: str, name: str) -> list[str] | None:
-    """Names of the options that an algorithm takes; None for one that takes any."""
-    taken = signature(find(stage, name)).parameters.values()
-    if any(one.kind is Parameter.VAR_KEYWORD for one in taken):
-        return None
-    return [one.name for one in list(taken)[GIVEN[stage] :] if one.name not in INTERNAL]
-
-
-class _AlgorithmTable(pydantic.BaseModel):
-    model_config = pydantic.ConfigDict(extra="allow")
-    name: str
-
-    @property
-    def algorithm(self) -> Algorithm:
-        options = {key: tuple(v) if isinstance(v, list) else v for key, v in (self.model_extra or {}).items()}
-        return Algorithm(self.name, options)
-
-
-def _named(value: Any) -> Any:
-    return {"name": value} if isinstance(value, str) else value
-
-
-_Named = Annotated[_AlgorithmTable, pydantic.BeforeValidator(_named)]
-
-
-class _RecipeFile(pydantic.BaseModel):
-    model_config = pydantic.ConfigDict(extra="forbid")
-    name: str = ""
-    centroid: _Named = _AlgorithmTable(name="forward_model")
-    calibrator: _Named = _AlgorithmTable(name="stitched")
-    reconstructor: _Named = _AlgorithmTable(name="gls")
-    smallest_diameter_px: float = pydantic.Field(SMALLEST_DIAMETER_PX, ge=3, le=1000)
-
-
-_FIELDS = tuple(_RecipeFile.model_fields)

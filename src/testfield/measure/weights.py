@@ -5,6 +5,9 @@ standard deviation that the calibration's residuals have. Only the score still k
 """
 
 from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
 
 from testfield.calibrate.calibration import Calibration
 from testfield.detect.observations import Observations
@@ -36,8 +39,11 @@ def calibrated(observations: Observations, calibrate: Callable[[Observations], C
 
 
 def weighed_by(observations: Observations, calibration: Calibration) -> Observations:
-    """The same, rows that state none with the standard deviation of the calibration's residuals."""
-    return observations if all_stated(observations) else observations.weighed(u_of(calibration))
+    """The observations as their rays deserve: rows that state none get the standard deviation of the calibration's
+    residuals. So do all, where the calibration states no covariance: what its cameras err is in no other number."""
+    if calibration.states_u:
+        return observations if all_stated(observations) else observations.weighed(u_of(calibration))
+    return replace(observations, cov_px2=np.full_like(observations.cov_px2, np.nan)).weighed(u_of(calibration))
 
 
 def u_of(calibration: Calibration) -> float:

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from testfield.errors import speaking
-from testfield.store.sheets import FORMAT, LARGEST_MM, covariance, read_columns, unique
+from testfield.store.sheets import FORMAT, LARGEST_MM, array, covariance, read_columns, unique
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,10 @@ class Points:
     @staticmethod
     @speaking("points")
     def load(path: Path) -> "Points":
-        """Read what `save` wrote. Raises `TestfieldError` where columns, shapes or numbers are not such."""
+        """Read what `save` wrote, or a CSV file with code, x_mm, y_mm, z_mm, and u_x_mm, u_y_mm, u_z_mm where they are
+        known. Raises `TestfieldError` where columns, shapes or numbers are not such."""
+        if path.suffix.lower() == ".csv":
+            return _from_csv(path)
         column, notes = read_columns(path, COLUMNS)
         n = len(column["code"])
         unique(column["code"].tolist(), "code")
@@ -101,6 +104,23 @@ COLUMNS = {
     "rejected": "i",
     "cov_rows_mm2": "?",
 }
+
+
+def _from_csv(path: Path) -> Points:
+    from pyarrow import csv
+
+    table = csv.read_csv(path)
+    if missing := [name for name in ("code", "x_mm", "y_mm", "z_mm") if name not in table.column_names]:
+        raise ValueError(f"there is no column {', '.join(missing)}")
+    n = table.num_rows
+    code = array(table["code"].to_numpy(), "column 'code'", n, kind=int)
+    unique(code.tolist(), "code")
+    xyz = np.column_stack([array(table[f"{axis}_mm"].to_numpy(), f"column '{axis}_mm'", n) for axis in "xyz"])
+    cov = np.full((3 * n, 3 * n), np.nan)
+    if all(f"u_{axis}_mm" in table.column_names for axis in "xyz"):
+        u = np.column_stack([array(table[f"u_{axis}_mm"].to_numpy(), f"column 'u_{axis}_mm'", n) for axis in "xyz"])
+        cov = np.diag(u.ravel() ** 2)
+    return Points(path.stem, code, xyz, cov, np.zeros(n, int), np.full(n, np.nan), np.zeros(n, int))
 
 
 def _covariance(rows: list[np.ndarray] | None, n: int) -> np.ndarray:

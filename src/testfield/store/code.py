@@ -76,6 +76,8 @@ def sources(modules: tuple[str, ...], without: tuple[str, ...] = ()) -> set[Path
                 other for other in path.parent.iterdir() if other.is_file() and other.suffix not in (".py", ".md")
             }
         known = {OWN, name.split(".")[0]}
+        if ROOT not in path.parents and not (path.parent / "__init__.py").is_file():
+            known |= {beside.stem for beside in path.parent.glob("*.py")}  # a file of a user's own, that was loaded
         queue += [other for other in imports(path) if other.split(".")[0] in known]
     return found
 
