@@ -14,12 +14,11 @@ import tempfile
 import time
 from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 import cosmic_ray.plugins
 from cosmic_ray.mutating import mutate_code
 from cosmic_ray.work_db import WorkDB, use_db
-from cosmic_ray.work_item import TestOutcome, WorkerOutcome, WorkResult
+from cosmic_ray.work_item import MutationSpec, TestOutcome, WorkerOutcome, WorkItem, WorkResult
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -27,7 +26,9 @@ from narrow import OPTIONS, chosen, statement
 from run import GREEN, LIBRARIES, RED
 
 LIMIT_S = 400
-"""Of a mutant that does not end. It counts as killed."""
+"""Of a mutant that does not end."""
+KILLED = (RED, 2, 4, -signal.SIGALRM, -signal.SIGSEGV, -signal.SIGABRT)
+"""A test fails; tests, or what they share, cannot be imported; without end; or the interpreter itself breaks."""
 
 
 def main(session: str, jobs: int) -> None:
@@ -46,22 +47,27 @@ def main(session: str, jobs: int) -> None:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(pid, signal.SIGKILL)  # whatever a test has left behind
             shutil.rmtree(_folder(pid), ignore_errors=True)
-            ended = os.waitstatus_to_exitcode(status)
-            one = item.mutations[0]
-            said = {GREEN: TestOutcome.SURVIVED, RED: TestOutcome.KILLED}.get(ended, TestOutcome.INCOMPETENT)
-            said = TestOutcome.KILLED if ended == -signal.SIGALRM else said
-            text, mutant = _sound_and_mutant(one)
-            diff = "\n".join(difflib.unified_diff(text.split("\n"), mutant.split("\n"), lineterm=""))
-            database.set_result(item.job_id, WorkResult(WorkerOutcome.NORMAL, f"ended with {ended}", said, diff))
-            place = f"{one.module_path}:{one.start_pos[0]}"
-            print(f"{said.value:<11}{time.perf_counter() - begin:6.1f} s  {place:<50} {one.operator_name}", flush=True)
+            _keep(database, item, os.waitstatus_to_exitcode(status), time.perf_counter() - begin)
+
+
+def _keep(database: WorkDB, item: WorkItem, ended: int, seconds: float) -> None:
+    """Keep and print what became of a mutant, from how its tests ended."""
+    one = item.mutations[0]
+    if ended not in (*KILLED, GREEN):
+        raise RuntimeError(f"the tests of {one} ended with {ended}")
+    said = TestOutcome.SURVIVED if ended == GREEN else TestOutcome.KILLED
+    text, mutant = _sound_and_mutant(one)
+    diff = "\n".join(difflib.unified_diff(text.split("\n"), mutant.split("\n"), lineterm=""))
+    database.set_result(item.job_id, WorkResult(WorkerOutcome.NORMAL, f"ended with {ended}", said, diff))
+    place = f"{one.module_path}:{one.start_pos[0]}"
+    print(f"{said.value:<9}{seconds:6.1f} s  {place:<50} {one.operator_name}", flush=True)
 
 
 def _folder(pid: int) -> Path:
     return Path(tempfile.gettempdir()) / f"mutant-{pid}"
 
 
-def _sound_and_mutant(one: Any) -> tuple[str, str]:
+def _sound_and_mutant(one: MutationSpec) -> tuple[str, str]:
     text = Path(one.module_path).read_text(encoding="utf-8")
     mutant = mutate_code(text, cosmic_ray.plugins.get_operator(one.operator_name)(**one.operator_args), one.occurrence)
     if mutant is None:
@@ -69,7 +75,7 @@ def _sound_and_mutant(one: Any) -> tuple[str, str]:
     return text, mutant
 
 
-def _begin(one: Any) -> int:
+def _begin(one: MutationSpec) -> int:
     """The process that tests a mutant."""
     pid = os.fork()
     if pid:
@@ -85,7 +91,7 @@ def _begin(one: Any) -> int:
         os._exit(99)
 
 
-def _test(one: Any, folder: Path) -> int:
+def _test(one: MutationSpec, folder: Path) -> int:
     """Exit status of the tests of a mutant, none of which is green."""
     text, mutant = _sound_and_mutant(one)
     tests = chosen(str(one.module_path), statement(text, one.start_pos[0], one.end_pos[0]))

@@ -46,9 +46,8 @@ def is_python(database: sqlite3.Connection, job: str) -> bool:
     path, name, arguments, occurrence = database.execute(
         "select module_path, operator_name, operator_args, occurrence from mutation_specs where job_id = ?", (job,)
     ).fetchone()
-    mutant = mutate_code(
-        Path(path).read_text(encoding="utf-8"), get_operator(name)(**json.loads(arguments)), occurrence
-    )
+    operator = get_operator(name)(**json.loads(json.loads(arguments)))  # cosmic-ray keeps JSON of JSON
+    mutant = mutate_code(Path(path).read_text(encoding="utf-8"), operator, occurrence)
     try:
         ast.parse(mutant)
     except SyntaxError:
