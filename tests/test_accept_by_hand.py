@@ -236,6 +236,21 @@ def test_claims_of_points_are_judged_point_by_point_and_coordinate_by_coordinate
     assert card["pit"]["p"] == pytest.approx(kstwo.sf(ks(z), 18), rel=1e-4)
 
 
+@pytest.mark.parametrize(("part", "worst"), [(0.9e-5, -8.5 / 6), (1.1e-5, -5.5 / (6 * 1.1e-5))])
+def test_a_coordinate_without_a_hundred_thousandth_of_the_others_uncertainty_has_none(
+    by_hand: HandMade, part: float, worst: float
+) -> None:
+    """As before, but z of 23, 5.5 um low, has that part of the others' 3 um."""
+    p = by_hand.points
+    low = p.xyz_mm - np.where(p.code[:, None] < 30, [0.010, 0.020, -0.0145], 0)
+    u = np.full(39, 0.003)
+    u[3 * int(np.flatnonzero(p.code == 23)[0]) + 2] *= part
+    one = MeasuredLengths(("x",), np.array([[22, 21]]), np.ones(1), np.zeros(1), np.ones(1), np.ones((1, 1)))
+    points = replace(p, xyz_mm=low, cov_xyz_mm2=np.diag(u**2))
+    card = points_card(by_hand.world, by_hand.calibration, points, one)
+    assert card is not None and card["en_worst"] == pytest.approx(worst, rel=1e-5)
+
+
 def test_neighbours_on_a_line_share_the_uncertainty_of_two_places(by_hand: HandMade) -> None:
     """25 to 21 is sqrt(1.25) m; the first is 3 um, the second 1 um further out, together sqrt(5) um along it."""
     world = with_lines(by_hand.world, MeasuringLine("z", (26, 25, 21), (1000.0, 1000 + 1250**0.5 * 1000**0.5), 0.003))

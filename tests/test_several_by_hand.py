@@ -175,3 +175,13 @@ def test_a_rig_whose_covariance_nobody_states_has_errors_and_no_nees(two: Calibr
     assert one["rotation_error_mrad"] == pytest.approx(0.3, rel=1e-7)
     assert one["translation_error_mm"] == pytest.approx(1.1, rel=1e-9)
     assert all(np.isnan(one[key]) for key in ("u_rotation_mrad", "u_translation_mm", "anees"))
+
+
+def test_a_turn_about_all_axes_counts_them_all(two: Calibration) -> None:
+    right = np.array([[0.0, 0, -1], [0, 1, 0], [1, 0, 0]])
+    turn = Rotation.from_rotvec([0.0002, -0.0003, 0.0006]).as_matrix() @ right
+    turned = rig() | {"turn_rad": Rotation.from_matrix(turn).as_rotvec().tolist()}
+    (one,) = score_rigs((BAR,), replace(two, rigs=(turned,)))
+    assert one["rotation_error_mrad"] == pytest.approx(0.7, rel=1e-7)
+    # 0.2 mrad under 0.1, 0.3 and 0.6 under 0.2; the shifts as before
+    assert one["anees"] == pytest.approx((4 + 2.25 + 9 + 1 + 4 + 2.25) / 6, rel=1e-6)
