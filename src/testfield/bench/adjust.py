@@ -73,6 +73,7 @@ def against_ceres(images: int, points: int, repeats: int) -> dict[str, Any]:
     """
     from testfield.bench.ceres import solve_with_ceres
 
+    _load_what_is_compiled()
     _, start = free_network(images, points)
     labels = plain_labels(start)
     seconds: dict[str, list[float]] = {
@@ -141,8 +142,7 @@ def against_opencv() -> dict[str, float]:
 def growth(points: tuple[int, ...]) -> dict[str, Any]:
     """Seconds of adjustment and of every point's covariance at a fixed number of cameras, and the exponent."""
     times = {}
-    _, small = free_network(4, 20)
-    adjust(small, plain_labels(small))  # what is compiled is loaded before anything is timed
+    _load_what_is_compiled()
     for n in points:
         _, start = free_network(GROWTH_IMAGES, n, rays=8)
         begin = time.perf_counter()
@@ -151,6 +151,12 @@ def growth(points: tuple[int, ...]) -> dict[str, Any]:
         times[n] = (time.perf_counter() - begin) / found.steps
     slope = np.polyfit(np.log(list(times)), np.log(list(times.values())), 1)[0]
     return {"exponent_of_points": float(slope), "seconds_a_step": times, "images": GROWTH_IMAGES}
+
+
+def _load_what_is_compiled() -> None:
+    """Before anything is timed: it takes as long as a small adjustment, once a process."""
+    _, small = free_network(4, 20)
+    adjust(small, plain_labels(small)).cov.points(np.arange(20))
 
 
 def large(checkout: Path | None) -> dict[str, Any]:
