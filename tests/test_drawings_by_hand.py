@@ -21,6 +21,7 @@ from testfield.reconstruct.points import Points
 from testfield.report import accept, measured
 from testfield.report.accept import MOST_DRAWN, envelopes, errors_over_length, plan_of_lengths
 from testfield.report.measured import PICTURE_WIDTH, point_plan, write_measurement
+from testfield.report.style import ACCENT, FAINT, INK, WARM
 from testfield.score.length_test import Limit, MeasuredLengths, smallest_envelope
 from testfield.targets.field_file import FieldFile
 
@@ -231,3 +232,48 @@ def test_a_measurement_writes_what_it_measured(by_hand: HandMade, tmp_path: Path
     lines = (folder / "points.csv").read_text(encoding="utf-8").splitlines()
     assert lines[0] == "point,x_mm,y_mm,z_mm,u_x_mm,u_y_mm,u_z_mm,rays,residual_rms_px" and len(lines) == 14
     assert lines[2] == "code 21,1000.01100,0.02000,-0.02000,0.00300,0.00300,0.00400,2,0.0000"
+
+
+def test_figures_look_as_the_others_do(by_hand: HandMade, axes_of: Draw) -> None:
+    """Sizes in inches; widths and sizes of lines and dots in points, and how much shines through."""
+    (axes,) = axes_of(errors_over_length, FOUR, Limit(0.004, 3, 0.009))
+    assert axes.figure.get_size_inches().tolist() == [6.1, 3.9]
+    dots, _, (sticks,) = axes.containers[0].lines
+    assert (dots.get_markersize(), dots.get_markeredgewidth(), dots.get_alpha()) == (3.2, 0, 1.0)
+    assert dots.get_linestyle() == "None" and sticks.get_linewidths() == [0.8]
+    zero, *limits, slope = [line for line in axes.lines if line is not dots]
+    looks = [(line.get_color(), line.get_linewidth()) for line in (zero, *limits, slope)]
+    assert looks == [(FAINT, 0.8), (WARM, 1.4), (WARM, 1.4), (ACCENT, 1)]
+    assert zero.get_ydata() == [0, 0]
+    band = axes.collections[-1]
+    assert (band.get_alpha(), band.get_linewidths().tolist()) == (0.12, [0])
+    n = MOST_DRAWN
+    for count, alpha in ((n, 1.0), (n + 1, 0.35)):
+        many = lengths([1000.0 + k for k in range(count)], [1.0] * count, [(21, 22)] * count)
+        (axes,) = axes_of(errors_over_length, many, None)
+        assert axes.containers[0].lines[0].get_alpha() == alpha
+    (axes,) = axes_of(envelopes, FOUR, smallest_envelope(FOUR))
+    assert axes.figure.get_size_inches().tolist() == [6.1, 3.9]
+    (line,), (fill, dot) = axes.lines, axes.collections
+    assert (line.get_color(), line.get_linewidth(), len(line.get_xdata())) == (ACCENT, 1.4, 300)
+    assert (fill.get_alpha(), dot.get_sizes().tolist(), dot.get_zorder(), dot.get_clip_on()) == (0.08, [24], 5, False)
+    assert axes_of(plan_of_lengths, by_hand.world, FOUR)[0].figure.get_size_inches().tolist() == [11.6, 4.6]
+    (axes, _) = axes_of(point_plan, result_of(by_hand, by_hand.points))
+    assert axes.figure.get_size_inches().tolist() == [6.1, 7.4]
+    dots, ring = axes.collections[0], axes.lines[0]
+    assert (dots.get_sizes().tolist(), dots.get_linewidths().tolist(), dots.get_zorder()) == ([7], [0], 5)
+    assert (ring.get_color(), ring.get_linewidth(), ring.get_alpha()) == (INK, 0.5, 0.6)
+    assert axes.get_legend().get_frame().get_alpha() == 0.9 and axes.get_aspect() == 1
+
+
+def test_errors_of_nothing_have_an_axis_all_the_same(by_hand: HandMade, axes_of: Draw) -> None:
+    """A field measured without any error: no limit of an axis is 0 to 0, and the lines are drawn as of no size."""
+    none = lengths([500, 1000], [0, 0], [(21, 22), (23, 24)])
+    (axes,) = axes_of(envelopes, none, smallest_envelope(none))
+    assert axes.get_xlim() == (0, 1e-9)
+    assert axes.get_ylim() == pytest.approx((0, 1.05e-6), rel=1e-9, abs=0)
+    for axes in axes_of(plan_of_lengths, by_hand.world, none):
+        assert [line.get_linewidth() for line in axes.lines if line.get_zorder() == 4] == [0.8, 0.8]
+    half = lengths([500, 1000], [0.2, 0.1], [(21, 22), (23, 24)])
+    (axes,) = axes_of(envelopes, half, smallest_envelope(half))
+    assert axes.get_xlim() == pytest.approx((0, 0.4)) and axes.get_ylim() == pytest.approx((0, 0.21))

@@ -19,8 +19,13 @@ TESTS = (
     *(f"tests/test_{name}.py" for name in ("accept", "consistency", "keys", "mother_board", "seeds", "statistics")),
 )
 SLOW = ("--deselect", "tests/test_accept.py::test_a_run_without_measuring_lines_is_tested_on_its_check_targets")
-OPTIONS = ("-x", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", "-W", "error::RuntimeWarning", *SLOW)
-"""A warning of NumPy's is a figure that nobody can believe, so it is red."""
+OPTIONS = (
+    *("-x", "-q", "-p", "no:cacheprovider", "-p", "no:xdist"),
+    *("-W", "error::RuntimeWarning", "-W", "error::SyntaxWarning"),
+    *SLOW,
+)
+"""A warning of NumPy's is a figure that nobody can believe, so it is red, and so is Python's of `is` beside a literal,
+which `make check` would see."""
 KEPT = Path("narrow.json")
 
 Seen = dict[str, tuple[float, dict[str, list[int]]]]

@@ -218,7 +218,7 @@ def point_plan(result: Measurement) -> bytes:
             for mask, colour, label in ((coded, ACCENT, "coded"), (~coded, WARM, "uncoded")):
                 axes.scatter(*at[mask].T, s=7, color=colour, lw=0, label=label, zorder=5)
             for k in range(len(points)):
-                block = points.cov_xyz_mm2[3 * k : 3 * k + 3, 3 * k : 3 * k + 3]
+                block = points.covariance_of(np.array([k]))
                 ring = figures._ellipse(block[np.ix_(plane, plane)], K_95 * factor) + at[k]
                 axes.plot(*ring.T, color=INK, lw=0.5, alpha=0.6)
             margin = 0.06 * span

@@ -35,9 +35,7 @@ def form_error(measured_mm: np.ndarray, true_mm: np.ndarray) -> float:
 
 
 def in_a_row(points_mm: np.ndarray) -> bool:
-    """Whether points (n, 3) lie in a straight row, or are fewer than three."""
-    if len(points_mm) < 3:
-        return True
+    """Whether points (n, 3), two or more, lie in a straight row."""
     size = np.linalg.svd(points_mm - points_mm.mean(axis=0), compute_uv=False)
     return bool(size[1] <= ROW * size[0])
 

@@ -42,7 +42,8 @@ class PointScore:
 
     def covariance(self, k: int) -> np.ndarray:
         """(3, 3) claimed covariance of one point."""
-        return self.cov_mm2[3 * k : 3 * k + 3, 3 * k : 3 * k + 3]
+        n = len(self.code)
+        return self.cov_mm2.reshape(n, 3, n, 3)[k, :, k]
 
     def card(self) -> dict:
         """The figures under their stable keys."""
