@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from testfield.errors import TestfieldError, nearest
+from testfield.measure.environment import environment_of
 from testfield.store.digests import digest, file_digest
 
 TIME_LIMIT_S = 60.0
@@ -25,8 +26,9 @@ CALIBRATOR_GETS = ("observations", "sheet", "json")
 class Program:
     """A `command` that is run in the recipe's `folder`, without a shell, for `time_limit_s` at most.
 
-    `files` are the program and whatever of the command is a file, each with its digest; `packages` are those of the
-    environment whose `python` it has, none for that of the caller.
+    `files` are the program and whatever of the command is a file, each with its digest, and what is installed in its
+    environment, each with its version; `packages` are those that the environment was asked for, whose `python` it has:
+    none for that of the caller.
     """
 
     command: str
@@ -76,6 +78,9 @@ class Program:
             raise TestfieldError(f"there is no program '{words[0]}'", where, "give its path, or install it")
         paths = ([] if own or found is None else [found]) + [folder / word for word in words[1:]]
         files = tuple((path.name, file_digest(path)) for path in paths if path.is_file())
+        if packages:
+            installed = environment_of(packages, f"{where.partition(',')[0]}, environment.packages")
+            files += tuple(sorted(installed.items()))
         return Program(command, folder, time_limit_s, files, packages)
 
 

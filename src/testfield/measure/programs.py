@@ -14,7 +14,7 @@ from pathlib import Path
 
 from testfield.errors import TestfieldError
 from testfield.measure.blame import Crashed, TimedOut
-from testfield.measure.environment import python_of
+from testfield.measure.environment import python_of, variables_of
 from testfield.measure.outside import Program, is_python, program_of
 
 MOST_BYTES = 256 * 1024 * 1024
@@ -42,6 +42,7 @@ def run_program(program: Program, files: Mapping[str, Path], work: Path, about: 
                 stdout=output,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,
+                env=variables_of(program.packages),
             )
         except OSError as error:
             raise TestfieldError(f"it cannot be started ({error.strerror})", where, "make it a program") from error
