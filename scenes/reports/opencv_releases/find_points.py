@@ -9,28 +9,32 @@ numbers; others are written without names, and testfield names them by where the
 
 import json
 import sys
+from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 
 VERSION = tuple(int(part) for part in cv2.__version__.split(".")[:2])
+ARUCO: Any = cv2.aruco
+"""Of another interface in every other release."""
 UNTIL = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 40, 1e-3)
 
 
-def charuco(image, pattern):
+def charuco(image: Any, pattern: dict[str, Any]) -> tuple[list[int], Any]:
     """Numbers and places of a ChArUco board's corners. The programming interface changed with 4.7; up to 4.5, corners
     were numbered from the bottom row."""
-    words = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, pattern["names"]))
+    words = ARUCO.getPredefinedDictionary(getattr(ARUCO, pattern["names"]))
     size, lengths = (pattern["columns"], pattern["rows"]), (pattern["pitch_mm"], pattern["mark_mm"])
-    if hasattr(cv2.aruco, "CharucoDetector"):
-        board = cv2.aruco.CharucoBoard(size, *lengths, words)
-        corners, numbers, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(image)
+    if hasattr(ARUCO, "CharucoDetector"):
+        board = ARUCO.CharucoBoard(size, *lengths, words)
+        corners, numbers, _, _ = ARUCO.CharucoDetector(board).detectBoard(image)
     else:
-        board = cv2.aruco.CharucoBoard_create(*size, *lengths, words)
-        tags, found, _ = cv2.aruco.detectMarkers(image, words)
+        board = ARUCO.CharucoBoard_create(*size, *lengths, words)
+        tags, found, _ = ARUCO.detectMarkers(image, words)
         corners, numbers = None, None
         if found is not None and len(found):
-            _, corners, numbers = cv2.aruco.interpolateCornersCharuco(tags, found, image, board)
+            _, corners, numbers = ARUCO.interpolateCornersCharuco(tags, found, image, board)
     if numbers is None or len(numbers) == 0:
         return [], []
     row, column = np.divmod(np.ravel(numbers), size[0] - 1)
@@ -39,7 +43,7 @@ def charuco(image, pattern):
     return (row * (size[0] - 1) + column).tolist(), corners
 
 
-def checkerboard(image, pattern, classic):
+def checkerboard(image: Any, pattern: dict[str, Any], classic: bool) -> Any:
     """Places of a checkerboard's inner corners, by one of OpenCV's two finders."""
     size = (pattern["columns"] - 1, pattern["rows"] - 1)
     if classic:
@@ -50,31 +54,31 @@ def checkerboard(image, pattern, classic):
     return corners if found else []
 
 
-def circles(image, pattern):
+def circles(image: Any, pattern: dict[str, Any]) -> Any:
     """Centres of a symmetric grid's circles: those of OpenCV's blob detector, put in order."""
     found, centres = cv2.findCirclesGrid(image, (pattern["columns"], pattern["rows"]))
     return centres if found else []
 
 
-def main(image_file, sheet_file, csv_file):
+def main(image_file: str, sheet_file: str, csv_file: str) -> None:
     """Find the points of the one board in an image, and write them."""
     cv2.setNumThreads(1)
-    image = cv2.imread(image_file, cv2.IMREAD_GRAYSCALE)
-    with open(sheet_file) as file:
-        sheet = json.load(file)
+    image: Any = cv2.imread(image_file, cv2.IMREAD_GRAYSCALE)
+    sheet = json.loads(Path(sheet_file).read_text())
     board = sheet["boards"][0]
-    pattern, numbers = board["pattern"], None
-    if pattern["kind"] == "charuco":
+    pattern, numbers = board["pattern"], [0]
+    named = pattern["kind"] == "charuco"
+    if named:
         numbers, points = charuco(image, pattern)
     elif pattern["kind"] == "checkerboard":
         points = checkerboard(image, pattern, board["name"] == "classic")
     else:
         points = circles(255 - image if sheet["white_on_black"] else image, pattern)
     points = np.asarray(points, float).reshape(-1, 2).tolist()
-    with open(csv_file, "w") as file:
-        print("x_px,y_px" if numbers is None else "x_px,y_px,board,point", file=file)
-        for k, (x, y) in enumerate(points):
-            print(f"{x:.6f},{y:.6f}" + ("" if numbers is None else f",0,{numbers[k]}"), file=file)
+    rows = ["x_px,y_px,board,point" if named else "x_px,y_px"]
+    for k, (x, y) in enumerate(points):
+        rows.append(f"{x:.6f},{y:.6f}" + (f",0,{numbers[k]}" if named else ""))
+    Path(csv_file).write_text("\n".join(rows) + "\n")
 
 
 main(*sys.argv[1:])
