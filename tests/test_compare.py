@@ -50,13 +50,13 @@ def test_every_recipe_meets_every_draw_of_every_scene_and_two_rows_are_known(tmp
 
 
 def test_a_comparison_finds_the_better_centroid_and_keeps_what_it_did(tmp_path: Path) -> None:
-    words = (TINY, "--centroids", "forward_model,grey_centroid", "--draws", 2, "--out", tmp_path, "--jobs", 1, "--json")
+    words = (TINY, "--centroids", "forward_model,grey_centroid", "--draws", 3, "--out", tmp_path, "--jobs", 2, "--json")
     said = run_compare(*words)
     assert said.returncode == 0, said.stderr
     found = json.loads(said.stdout)
     assert found["sane"]
     (centre,) = [row for row in found["differences"] if row["figure"] == CENTRE.title]
-    assert centre["difference"] > 0.005 and centre["draws"] == 2
+    assert centre["difference"] > 0.005 and centre["draws"] == 3
     rows = pd.read_parquet(tmp_path / "results.parquet").set_index("recipe")
     assert rows.loc[TRUTH, CENTRE.key] == pytest.approx(0, abs=1e-12)
     assert rows.loc[BROKEN, CENTRE.key] == pytest.approx(SHIFT_PX / np.sqrt(2), rel=1e-9)

@@ -20,7 +20,7 @@ from testfield.errors import TestfieldError
 from testfield.evaluate import execute as module
 from testfield.evaluate import keys
 from testfield.evaluate.case import Case, case, changed, scene_table
-from testfield.evaluate.execute import case_key, execute, run_name
+from testfield.evaluate.execute import _phases, case_key, execute, run_name
 from testfield.measure.recipe import Algorithm, Recipe
 from testfield.store.code import sources
 from testfield.store.work import each
@@ -312,3 +312,15 @@ def test_a_change_that_names_no_place_is_refused() -> None:
     for path in ("boards.1.bend", "seed.x", "boards.first.bend"):
         with pytest.raises(TestfieldError, match="no such place"):
             changed(scene, {path: 1})
+
+
+def test_draws_of_noise_are_given_to_processes_that_would_have_no_work() -> None:
+    def made(name: str, seed: int | None, recipe: int) -> Case:
+        return Case({"recipe": recipe}, scene={"name": name}, noise_seed=seed)
+
+    cases = [made(name, seed, recipe) for name in "ab" for seed in (1, 2, 3) for recipe in (1, 2)]
+    cases.append(made("b", None, 3))
+    assert _phases(cases, 1) == _phases(cases, 2) == [[[0, 1, 2, 3, 4, 5], [6, 7, 8, 9, 10, 11, 12]]]
+    # What all draws share is made before any two processes look at it.
+    assert _phases(cases, 3) == [[[0, 1], [6, 7, 12]], [[2, 3], [4, 5], [8, 9], [10, 11]]]
+    assert _phases(cases[:2], 3) == [[[0, 1]]]

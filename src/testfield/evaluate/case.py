@@ -22,9 +22,9 @@ class Case:
     `labels` name it and are the first columns of its rows; `work` is the "module:function" that measures it, given the
     case and its run; `scene` is a scene file as a plain table (None: the work needs none) and `options` are what the
     work is told besides (methods, subsets, exposures). `noise_seed` draws the frames' noise anew (None: the scene's
-    own), and `recipe` says how they are measured (None: as the scene asks). `folder` is what files are relative to that
-    the scene names; where it lies does not count, what is in the files does. `weight` is the work in units of the
-    table's own, for progress.
+    own), in memory: such a case leaves its run's folder as rendering made it. `recipe` says how they are measured
+    (None: as the scene asks). `folder` is what files are relative to that the scene names; where it lies does not
+    count, what is in the files does. `weight` is the work in units of the table's own, for progress.
     """
 
     labels: dict[str, Any]

@@ -1,7 +1,8 @@
 """A table of cases is done: kept, resumable, in as many processes as asked for.
 
 Cases of the same scene share a run's folder, and with it every stage that one of them has made; they are done by one
-process, one after the other, so that nothing is made twice. What a case found is kept in a file of its own, under the
+process, one after the other, so that nothing is made twice; only draws of noise, which leave the folder as it is, are
+given to several. What a case found is kept in a file of its own, under the
 digest of the case and of the code it was measured with: after a kill, the next call does what is missing.
 """
 
@@ -91,24 +92,47 @@ def _do(
     todo: list[Case], keys: list[str], all_cases: list[Case], folder: Path, jobs: int, title: str, pool: Pool | None
 ) -> dict[str, str]:
     """Do what is missing of all cases and keep its rows; why cases failed, by key."""
-    groups: dict[str, list[int]] = {}
-    for k, case in enumerate(todo):
-        _file(folder, keys[k]).unlink(missing_ok=True)  # what is there cannot be read
-        groups.setdefault(run_name(case) or f"case {k}", []).append(k)
+    for key in keys:
+        _file(folder, key).unlink(missing_ok=True)  # what is there cannot be read
+    failed: dict[str, str] = {}
     total = sum(case.weight for case in all_cases)
     with bar(title, total, "cases" if total == len(all_cases) else "units") as move:
         move(total - sum(case.weight for case in todo))
-        reasons = each(
-            partial(_try, folder=folder),
-            list(zip(todo, keys, strict=True)),
-            jobs,
-            pool=pool,
-            groups=list(groups.values()),
-            # A group may work for an hour, so what it has finished is seen from the files it leaves.
-            kept=lambda k: _file(folder, keys[k]).is_file(),
-            moved=lambda k: move(todo[k].weight),
-        )
-        return {key: reason for key, reason in zip(keys, reasons, strict=True) if reason}
+        for groups in _phases(todo, jobs if pool is None else 1):
+            at = [k for group in groups for k in group]
+            place = {k: number for number, k in enumerate(at)}
+            reasons = each(
+                partial(_try, folder=folder),
+                [(todo[k], keys[k]) for k in at],
+                jobs,
+                pool=pool,
+                groups=[[place[k] for k in group] for group in groups],
+                # A group may work for an hour, so what it has finished is seen from the files it leaves.
+                kept=lambda number, at=at: _file(folder, keys[at[number]]).is_file(),  # type: ignore[misc]
+                moved=lambda number, at=at: move(todo[at[number]].weight),  # type: ignore[misc]
+            )
+            failed |= {keys[k]: reason for k, reason in zip(at, reasons, strict=True) if reason}
+    return failed
+
+
+def _phases(todo: list[Case], jobs: int) -> list[list[list[int]]]:
+    """Groups of cases by number, one phase after the other; a process does the cases of a group in their order.
+
+    A group is what shares a run's folder, so that nothing is made twice. Where that leaves processes without work, the
+    first draw of noise of each scene comes first, and makes what all share; then each further draw is a group.
+    """
+    groups: dict[str, list[int]] = {}
+    for k, case in enumerate(todo):
+        groups.setdefault(run_name(case) or f"case {k}", []).append(k)
+    if len(groups) >= jobs:
+        return [list(groups.values())]
+    opening, draws = [], []
+    for group in groups.values():
+        seeds = dict.fromkeys(todo[k].noise_seed for k in group if todo[k].noise_seed is not None)
+        first = {None, next(iter(seeds), None)}
+        opening.append([k for k in group if todo[k].noise_seed in first])
+        draws += [[k for k in group if todo[k].noise_seed == seed] for seed in seeds if seed not in first]
+    return [opening, draws] if draws else [opening]
 
 
 def run_of(case: Case, folder: Path) -> Run:
