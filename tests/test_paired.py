@@ -1,9 +1,12 @@
 """Words of a comparison are as often wrong as is said, and its intervals hold what they say they hold."""
 
+import json
+
 import numpy as np
 import pytest
 from scipy.stats import nct, t
 
+from testfield.cli.main import main
 from testfield.evaluate.paired import LEVEL, Word, difference, together
 
 TRIALS = 1000
@@ -77,3 +80,14 @@ def test_one_draw_and_what_gave_no_figure_are_called_so() -> None:
     assert none.draws == 0 and none.word is Word.ONE
     some = difference([np.array([1.0, 2.0, np.nan])], [np.array([1.5, 2.5, 9.0])], 0.1)
     assert some.draws == 2 and some.estimate.value == 0.5
+
+
+def test_the_benchmark_draws_comparisons_and_says_of_each_claim_whether_it_is_kept(
+    capsys: pytest.CaptureFixture,
+) -> None:
+    status = main(["bench", "compare", "--trials", "200", "--json"])
+    checks = json.loads(capsys.readouterr().out)["checks"]
+    assert len(checks) == 8 and status == int(any(check["outcome"] != "pass" for check in checks))
+    covered = next(check for check in checks if "hold the difference" in check["name"])
+    assert 0.9 < covered["value"] < 0.99
+    assert main(["bench", "compare", "--trials", "20"]) == 2 and "--trials" in capsys.readouterr().err

@@ -48,6 +48,9 @@ def add(commands: Any) -> None:
     one.add_argument("--run", type=Path, metavar="RUN", help="the folder of a rendered run to expose again instead")
     one.add_argument("--trials", type=int, default=50, metavar="N", help="worlds or exposures (default: 50)")
 
+    one = _tool(tools, "compare", _comparisons, "words and intervals of comparisons whose truth is known")
+    one.add_argument("--trials", type=int, default=1000, metavar="N", help="comparisons drawn (default: 1000)")
+
     one = _tool(tools, "cameras", _cameras, "several cameras together against each one alone, on a run's images")
     one.add_argument("run", type=Path, metavar="RUN", help="the folder of a run with several cameras")
 
@@ -82,6 +85,20 @@ def _cameras(args: argparse.Namespace) -> int:
             f"{row['imaging_u_px'] or float('nan'):>10.4f}{row['interior_anees']:>7.2f}{row['rmse_mm']:>10.4f}"
         )
     return 0
+
+
+def _comparisons(args: argparse.Namespace) -> int:
+    import json
+
+    from testfield.bench.comparisons import LEAST_TRIALS, bench_comparisons
+    from testfield.errors import TestfieldError
+    from testfield.evaluate.check import all_passed, table
+
+    if args.trials < LEAST_TRIALS:
+        raise TestfieldError(f"value {args.trials} is too few", "--trials", f"give {LEAST_TRIALS} or more")
+    checks = bench_comparisons(args.trials, _tell)
+    print(json.dumps({"checks": [check.row() for check in checks]}) if args.json else table(checks))
+    return 0 if all_passed(checks) else 1
 
 
 def _tell(what: str) -> None:
