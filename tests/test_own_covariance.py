@@ -1,14 +1,19 @@
 """A covariance is optional: an algorithm that states none is scored, and one that states too little is scored badly."""
 
+import json
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from conftest import SCENES
 
 from testfield.calibrate.calibration import Calibration
+from testfield.chain.run import Run
+from testfield.cli.main import main
 from testfield.detect.observations import Observations
 from testfield.errors import TestfieldError
 from testfield.measure.pipeline import Measured, measure
@@ -20,7 +25,7 @@ from testfield.scene.build import build_world
 from testfield.scene.load import load_scene
 from testfield.scene.truth import Views, see
 from testfield.scene.world import World
-from testfield.score.scorecard import plain, score_measured
+from testfield.score.scorecard import load_scorecard, plain, score_measured
 from testfield.simulate.observations import draw_observations
 
 NOTHING: dict[str, Callable[[np.ndarray], np.ndarray]] = {
@@ -136,8 +141,6 @@ def test_points_without_a_covariance_are_scored_kept_and_read(
 
 
 def test_files_may_leave_covariances_out(drawn: tuple, whole: Measured, tmp_path: Path) -> None:
-    import json
-
     import pyarrow.parquet as pq
 
     world, _, seen = drawn
@@ -155,8 +158,6 @@ def test_files_may_leave_covariances_out(drawn: tuple, whole: Measured, tmp_path
 
 
 def test_observations_are_taken_as_csv_and_a_bad_line_is_named(drawn: tuple, tmp_path: Path) -> None:
-    import pandas as pd
-
     world, _, seen = drawn
     seen.save(tmp_path / "o.parquet")
     table = pd.read_parquet(tmp_path / "o.parquet")
@@ -172,3 +173,31 @@ def test_observations_are_taken_as_csv_and_a_bad_line_is_named(drawn: tuple, tmp
     table.drop(columns=["code", "point"]).to_csv(tmp_path / "o.csv", index=False)
     with pytest.raises(TestfieldError, match="no columns code, point"):
         Observations.load(tmp_path / "o.csv", world.field)
+
+
+def test_a_run_goes_on_with_observations_in_csv_that_state_nothing(
+    tiny: Run, tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    folder = shutil.copytree(tiny.folder, tmp_path / "tiny")
+    table = pd.read_parquet(folder / "observations.parquet")
+    table = table[table.status == "measured"]
+    table = table[["station", "x_px", "y_px", "code", "board", "point", "status"]]
+    table.to_csv(folder / "observations.csv", index=False)
+    (folder / "observations.parquet").unlink()
+    for stage in ("calibrate", "reconstruct", "score", "report"):
+        assert main([stage, str(folder)]) == 0, capsys.readouterr().err
+    card = load_scorecard(folder / "scorecard.json")
+    assert card["detection"]["centre_anees"] is None and card["points"]["anees"] is not None  # from residuals
+    assert card["detection"]["found"] == load_scorecard(tiny.folder / "scorecard.json")["detection"]["found"]
+    # A calibration of which nothing is stated: all figures but those of claims, and sentences where claims are asked.
+    told = json.loads((folder / "calibration.json").read_text())
+    (folder / "calibration.json").write_text(json.dumps(told | {"labels": [], "covariance": []}))
+    for stage in ("reconstruct", "score", "report"):
+        assert main([stage, str(folder)]) == 0, capsys.readouterr().err
+    card = load_scorecard(folder / "scorecard.json")
+    assert card["points"]["anees"] is None and card["points"]["rmse_mm"] < 1
+    assert "nan" not in (folder / "report.html").read_text().lower().split("<body")[1].split("data:")[0]
+    for command in (["accept", str(folder), "--a-mm", "1"], ["uncertainty", str(folder)]):
+        capsys.readouterr()
+        assert main(command) == 2
+        assert "no covariance" in capsys.readouterr().err

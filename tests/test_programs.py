@@ -477,3 +477,26 @@ def test_a_camera_file_that_cannot_be_is_named_with_the_program(name: str, tiny:
     with pytest.raises(TestfieldError, match=said) as error:
         measure(seen, tiny.field, Recipe.load(tmp_path / "own.toml"))
     assert "cp, " in error.value.sentence() and "camera.json" in error.value.sentence()
+
+
+def test_failures_of_programs_are_counted_by_kind_and_spoil_no_comparison(tmp_path: Path) -> None:
+    import pandas as pd
+    from conftest import TINY
+
+    bodies = {"crash": CRASH, "hang": "sleep 60", "nonsense": 'echo Hello > "$2"'}
+    for name, body in bodies.items():
+        folder = tmp_path / name
+        folder.mkdir()
+        program(folder, body, "time_limit_s = 0.3\n" if name == "hang" else "")
+        recipe = folder / "own.toml"
+        recipe.write_text(f'name = "{name}"\n{recipe.read_text()}')
+    recipes = "".join(f'"{name}/own.toml", ' for name in bodies)
+    (tmp_path / "c.toml").write_text(
+        f'scenes = ["{TINY}"]\nrecipes = [{recipes}]\ncentroids = ["star"]\ndraws = 1\nuntil = "detect"\n'
+    )
+    assert main(["compare", str(tmp_path / "c.toml"), "--out", str(tmp_path / "out"), "--jobs", "1"]) in (0, 1)
+    rows = pd.read_parquet(tmp_path / "out/results.parquet").set_index("recipe")
+    assert rows.failure_kind[list(bodies)].tolist() == ["crashed", "timed out", "refused"]
+    assert "cannot read: no PNG" in rows.failure["crash"] and "no columns x_px, y_px" in rows.failure["nonsense"]
+    assert rows["detection.missed"]["crash"] == rows["detection.expected"]["crash"] > 0
+    assert rows["detection.centre_rms_px"]["star"] < 0.1

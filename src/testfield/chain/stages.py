@@ -48,6 +48,7 @@ def calibrate(run: Run) -> Made:
     from testfield.detect.observations import Observations
     from testfield.measure.pipeline import calibrate
 
+    _take_over_csv(run)
     source = run.need("observations.parquet", "detect")
     key = calibrate_key(run.scene, run.field, file_digest(source))
 
@@ -57,6 +58,18 @@ def calibrate(run: Run) -> Made:
 
     world = world_of(run, ["observations.parquet"])
     return int(run.ledger.make("calibration.json", key, write, [source], world)), 1
+
+
+def _take_over_csv(run: Run) -> None:
+    """Observations that somebody put into the run's folder as CSV, where there are no others."""
+    from testfield.detect.observations import Observations
+    from testfield.store.atomic import whole
+
+    target, source = (run.folder / f"observations.{kind}" for kind in ("parquet", "csv"))
+    if source.is_file() and not target.exists():
+        seen = Observations.load(source, run.field, run.truth.largest_px)
+        with whole(target) as path:
+            run.truth.by_cameras(seen).save(path)
 
 
 def reconstruct(run: Run) -> Made:

@@ -133,7 +133,8 @@ def centre_errors(score: DetectionScore) -> bytes:
         left.set_xlabel("centre error, px (x and y)")
         left.set_ylabel("number")
         size = np.sqrt(score.nees[np.isfinite(score.nees)])
-        right.hist(size.clip(0, 5), bins=50, range=(0, 5), density=True, color=ACCENT, alpha=0.85, label="observed")
+        stated = len(size) > 0
+        right.hist(size.clip(0, 5), bins=50, range=(0, 5), density=stated, color=ACCENT, alpha=0.85, label="observed")
         r = np.linspace(0, 5, 200)
         right.plot(r, r * np.exp(-r * r / 2), color=WARM, lw=1.5, label="claimed")
         right.set_xlabel("error in units of its claimed sigma")
