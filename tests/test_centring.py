@@ -241,11 +241,12 @@ def test_every_estimator_is_entered_by_name() -> None:
 def test_a_model_with_the_wrong_pixel_is_seen_to_be_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave the pixel's area out of the model's light, or shift it by a hundredth: the tests above must fall."""
     image, centre, moments = board(12.0)
-    true = centre_forward.disc_in_pixels
+    true = centre_forward.ellipse_outline
 
-    def shifted(outline: np.ndarray, *rest: np.ndarray) -> object:
-        return true(outline + np.array([0.01, 0]), *rest)
+    def shifted(half_axes_px: np.ndarray, points: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        outline, *rest = true(half_axes_px, points)
+        return outline + np.array([0.01, 0]), *rest
 
-    monkeypatch.setattr(centre_forward, "disc_in_pixels", shifted)
+    monkeypatch.setattr(centre_forward, "ellipse_outline", shifted)
     value, _ = nees("forward_model", 20000 * image, centre, moments, 4)
     assert value > 1.5

@@ -18,22 +18,17 @@ from testfield.camera import lens
 from testfield.camera.images import SensorSheet
 from testfield.camera.interior import Interior
 from testfield.camera.project import plane_of, project_camera
-from testfield.detect.centre import RING_BEGINS, RING_CLEARANCE_PX, Centres
-from testfield.detect.disc import LEAST_BLUR_PX, MOST_BLUR_PX, disc_in_pixels, ellipse_outline, outline_points
+from testfield.detect.centre import Centres
+from testfield.detect.disc import LEAST_BLUR_PX, MOST_BLUR_PX, ellipse_outline, outline_points
+from testfield.detect.dot_equations import dot_equations
 from testfield.detect.forward_windows import (
     AXX,
     AXY,
     AYY,
     BACKGROUND,
-    BACKGROUND_X,
-    BACKGROUND_Y,
     BLUR,
-    CLEAR_OF_BLUR,
     CONTRAST,
     CONTRAST_X,
-    CONTRAST_Y,
-    CX,
-    CY,
     GRADIENTS,
     Batch,
     half_axes,
@@ -42,14 +37,16 @@ from testfield.detect.forward_windows import (
     window_batches,
 )
 from testfield.detect.light import local_gradients
+from testfield.detect.normal_equations import inverse
+from testfield.detect.used_pixels import of_dots
 from testfield.registry import register
 
 ROUNDS = 12
 FIRST_BLUR_PX = 0.6
+EVEN_NOISE = 1.0, 0.0, 0.0
+"""The noise line of pixels that are all alike."""
 _HARMLESS = np.array([0, 0, 2.0, 0, 2.0, 1.0, -1.0, 0, 0, 0, 0, 0])
 """Parameters that keep a lost dot from disturbing the others of its batch; its contrast says that it is lost."""
-UNQUIET = 0.02
-"""Scatter beside a dot, in units of its contrast, above which something may lie there."""
 WORST_PX = 0.5
 """Standard uncertainty at which a dot counts as not measured."""
 CONTRADICTION = 18.5
@@ -153,12 +150,10 @@ def _refine(
     good = sound(batch, theta)
     theta[~good] = safe[~good] = _HARMLESS
     for k in range(ROUNDS):
-        model, jacobian = dot_model(batch, theta, place)
         if k < 4:
-            use = batch.inside & _usable(batch, theta, sheet)
-        # The model's own value is a better guess of a pixel's mean than the noisy pixel.
-        weight = use / sheet.variance_dn2(model)
-        normal, gradient = normal_matrix(jacobian[:, :free], weight, values - model)
+            use = _usable(batch, theta, sheet)
+        equations = dot_equations(values, use, theta, dot_outline(theta, place), sheet.noise_line())
+        normal, gradient = equations.normal[:, :free, :free], equations.right[:, :free]
         total, right = normal, gradient
         if light is not None:
             off = expected - theta[:, GRADIENTS]
@@ -180,7 +175,7 @@ def _refine(
         converged = good & (limit == 1) & (np.abs(step[:, :2]) < near).all(axis=1)
         if k and np.all(converged | ~good):
             break
-    return _Fit(normal, known, use, model, converged)
+    return _Fit(normal, known, use, equations.model, converged)
 
 
 def _set_levels(batch: Batch, place: _Placement | None) -> None:
@@ -188,23 +183,11 @@ def _set_levels(batch: Batch, place: _Placement | None) -> None:
     theta = batch.theta
     theta[:, CONTRAST], theta[:, BACKGROUND] = 1, 0
     theta[~sound(batch, theta)] = _HARMLESS
-    _, jacobian = dot_model(batch, theta, place)
-    normal, right = normal_matrix(jacobian[:, [CONTRAST, BACKGROUND]], batch.inside.astype(float), batch.values)
-    theta[:, [CONTRAST, BACKGROUND]] = np.einsum("nij,nj->ni", inverse(normal), right)
-
-
-def normal_matrix(jacobian: np.ndarray, weight: np.ndarray, residual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Normal matrices (n, p, p) and their right sides (n, p)."""
-    flat = jacobian.reshape(*jacobian.shape[:2], -1)
-    weighted = flat * weight.reshape(len(flat), 1, -1)
-    return weighted @ np.swapaxes(flat, 1, 2), (weighted @ residual.reshape(len(flat), -1, 1))[..., 0]
-
-
-def inverse(normal: np.ndarray) -> np.ndarray:
-    """Inverses of normal matrices, whatever their parameters' units; what the data do not tell stays as it is."""
-    scale = 1 / np.sqrt(np.maximum(np.einsum("nii->ni", normal), 1e-300))
-    unit = np.nan_to_num(normal * scale[:, :, None] * scale[:, None, :])
-    return np.linalg.pinv(unit, 1e-11, hermitian=True) * scale[:, :, None] * scale[:, None, :]
+    equations = dot_equations(batch.values, batch.inside, theta, dot_outline(theta, place), EVEN_NOISE)
+    levels = slice(CONTRAST, BACKGROUND + 1)
+    theta[:, levels] += np.einsum(
+        "nij,nj->ni", inverse(equations.normal[:, levels, levels]), equations.right[:, levels]
+    )
 
 
 def sound(batch: Batch, theta: np.ndarray) -> np.ndarray:
@@ -217,26 +200,9 @@ def sound(batch: Batch, theta: np.ndarray) -> np.ndarray:
 
 
 def _usable(batch: Batch, theta: np.ndarray, sheet: SensorSheet) -> np.ndarray:
-    """(n, m, m) which pixels a fit may use: as far as an edge is felt, but where a ring may begin only if none does."""
-    offset = np.arange(-batch.half, batch.half + 1)
-    dx = (offset - theta[:, [CX]])[:, None, :]
-    dy = (offset - theta[:, [CY]])[:, :, None]
-    to_circle = np.linalg.inv(half_axes(theta))
-    u = to_circle[:, 0, 0, None, None] * dx + to_circle[:, 0, 1, None, None] * dy
-    v = to_circle[:, 1, 0, None, None] * dx + to_circle[:, 1, 1, None, None] * dy
-    q = np.sqrt(u * u + v * v)
-    length = np.sqrt(dx * dx + dy * dy)
-    px_per_q = length / np.maximum(q, 1e-9)
-    felt = reach(theta)[1][:, None, None]
-    wide = (q - 1) * px_per_q <= felt
-    narrow = wide & (((RING_BEGINS - q) * px_per_q >= RING_CLEARANCE_PX) | (q <= 1.1))
-    beyond = batch.inside & wide & ((q - 1) * px_per_q > 2.5 / CLEAR_OF_BLUR * felt)
-    count = np.maximum(beyond.sum(axis=(1, 2)), 1)
-    mean = (batch.values * beyond).sum(axis=(1, 2)) / count
-    scatter = (beyond * (batch.values - mean[:, None, None]) ** 2).sum(axis=(1, 2)) / count
-    noise = sheet.variance_dn2(mean) * (1 + 4 * np.sqrt(2 / count))
-    quiet = scatter < noise + (UNQUIET * theta[:, CONTRAST]) ** 2
-    return np.where(quiet[:, None, None], wide, narrow)
+    """(n, m, m) which pixels a fit may use."""
+    to_circle, felt_px, noise = np.linalg.inv(half_axes(theta)), reach(theta)[1], np.array(sheet.noise_line())
+    return of_dots(batch.values, batch.inside, theta, to_circle, felt_px, theta[:, CONTRAST].copy(), noise)
 
 
 def _placement(batch: Batch, interior: Interior | None) -> _Placement | None:
@@ -248,7 +214,7 @@ def _placement(batch: Batch, interior: Interior | None) -> _Placement | None:
     return _Placement(interior, batch.middle, at, drawn, np.linalg.inv(slope))
 
 
-def _outline(batch: Batch, theta: np.ndarray, place: _Placement | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def dot_outline(theta: np.ndarray, place: _Placement | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Outlines (n, k, 2) relative to the window's middle, their tangents, and derivatives (n, 5, k, 2) by shape."""
     largest = float(reach(theta)[0].max())
     count = outline_points(largest, float(theta[:, BLUR].min()))
@@ -262,31 +228,6 @@ def _outline(batch: Batch, theta: np.ndarray, place: _Placement | None) -> tuple
         np.einsum("nkij,nkj->nki", slope, tangent),
         np.einsum("nkij,pkj->npki", slope, by_shape),
     )
-
-
-def dot_model(batch: Batch, theta: np.ndarray, place: _Placement | None) -> tuple[np.ndarray, np.ndarray]:
-    """Pixel values (n, m, m) and their derivatives (n, 12, m, m)."""
-    outline, tangent, by_shape = _outline(batch, theta, place)
-    offset = np.arange(-batch.half, batch.half + 1.0)
-    grid = np.broadcast_to(offset, (len(theta), len(offset)))
-    disc = disc_in_pixels(outline, tangent, by_shape, theta[:, BLUR], grid, grid)
-    column = [theta[:, k, None, None] for k in range(12)]
-    dx, dy = offset - column[CX], offset[:, None] - column[CY]
-    # Blurred, x times the disc becomes x times the disc's image plus the blur's variance times its slope.
-    spread = column[BLUR] ** 2 + 1 / 12
-    lit_x, lit_y = (d * disc.value - spread * disc.by_shape[:, k] for k, d in ((CX, dx), (CY, dy)))
-    lit = column[CONTRAST] + column[CONTRAST_X] * dx + column[CONTRAST_Y] * dy
-    jacobian = np.empty((len(theta), 12, len(offset), len(offset)))
-    jacobian[:, :BLUR] = lit[:, None] * disc.by_shape
-    for k in (0, 1):
-        jacobian[:, CX + k] -= column[CONTRAST_X + k] * disc.value + column[BACKGROUND_X + k]
-    jacobian[:, BLUR] = lit * disc.by_blur
-    jacobian[:, CONTRAST], jacobian[:, BACKGROUND] = disc.value, 1
-    jacobian[:, CONTRAST_X], jacobian[:, CONTRAST_Y] = lit_x, lit_y
-    jacobian[:, BACKGROUND_X], jacobian[:, BACKGROUND_Y] = dx, dy
-    value = column[BACKGROUND] + column[BACKGROUND_X] * dx + column[BACKGROUND_Y] * dy
-    value = value + column[CONTRAST] * disc.value + column[CONTRAST_X] * lit_x + column[CONTRAST_Y] * lit_y
-    return value, jacobian
 
 
 def _light(theta: np.ndarray, variance: np.ndarray, good: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -345,7 +286,7 @@ def _centroid(batch: Batch, interior: Interior | None) -> np.ndarray:
     """(n, 2) centres of area of the outlines, relative to the windows' middles."""
     if interior is None:
         return batch.theta[:, :2]
-    outline, tangent, _ = _outline(batch, batch.theta, _placement(batch, interior))
+    outline, tangent, _ = dot_outline(batch.theta, _placement(batch, interior))
     origin = outline.mean(axis=1)
     x, y = np.moveaxis(outline - origin[:, None, :], -1, 0)
     dx, dy = np.moveaxis(tangent, -1, 0)

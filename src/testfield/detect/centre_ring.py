@@ -18,8 +18,9 @@ from threadpoolctl import threadpool_limits
 
 from testfield.camera.images import InvertedSheet, SensorSheet
 from testfield.detect.centre import Centres
-from testfield.detect.centre_forward import FIRST_BLUR_PX, WORST_PX, dot_model, inverse, normal_matrix, sound
+from testfield.detect.centre_forward import FIRST_BLUR_PX, WORST_PX, dot_outline, sound
 from testfield.detect.disc import LEAST_BLUR_PX, MOST_BLUR_PX
+from testfield.detect.dot_equations import DOT, Equations
 from testfield.detect.forward_windows import (
     AXX,
     AXY,
@@ -28,26 +29,19 @@ from testfield.detect.forward_windows import (
     BLUR,
     CLEAR_OF_BLUR,
     CONTRAST,
-    CONTRAST_X,
-    CONTRAST_Y,
-    CX,
     Batch,
     half_axes,
     root,
     window_batches,
 )
-from testfield.detect.ring_pixels import bright_segments, ring_in_pixels, ring_nodes
+from testfield.detect.normal_equations import inverse
+from testfield.detect.ring_equations import BENT, PARAMETERS, TWISTED, ring_equations
+from testfield.detect.ring_pixels import bright_segments, ring_nodes, ring_outline
+from testfield.detect.used_pixels import of_rings
 from testfield.targets.marks import RingRadii
 
-RING = 12
-"""Where the ring's parameters begin, behind the dot's: its contrast in units of the dot's, and the homography's."""
 TURNS = [(i, j) for i in range(3) for j in range(3) if (i, j) != (2, 2)]
 """Entries of the homography's departure from the dot's affine map, in dot radii."""
-BENT = RING + 1 + len(TURNS)
-"""Where the light's curvature begins: contrast, then background that goes with x x, x y, y y, at the outer edge."""
-TWISTED = BENT + 6
-"""Where the cubic terms of the irradiance begin: x x x, x x y, x y y, y y y, at the outer edge."""
-PARAMETERS = TWISTED + 4
 NEAR_AFFINE = 1 / np.square([0.03, 0.03, 0.05, 0.03, 0.03, 0.05, 0.02, 0.02])
 """Inverse variances of these entries: how the code was read leaves a turn of a few hundredths open, and perspective
 moves the ring of a target by a few hundredths of its radius."""
@@ -93,7 +87,7 @@ def fit_with_rings(image_dn: np.ndarray, sheet: SensorSheet, rough: Centres, rin
     found = Fitted(Centres.empty(n), np.full(n, np.inf), np.full(n, np.inf))
     if n == 0:
         return found
-    theta = np.zeros((n, RING))
+    theta = np.zeros((n, DOT))
     axes = root(4 * rough.moments_px2)
     theta[:, :2] = rough.xy_px
     theta[:, AXX], theta[:, AXY], theta[:, AYY] = axes[:, 0, 0], axes[:, 0, 1], axes[:, 1, 1]
@@ -151,39 +145,39 @@ def _fit(batch: Batch, sheet: SensorSheet, rings: Rings) -> Fitted:
     """Gauss and Newton's iteration with weights of the model's own variance."""
     theta, values, ring = batch.theta, batch.values, _begin(batch, sheet, rings)
     prior = np.zeros((len(theta), PARAMETERS))
-    prior[:, RING + 1 : BENT] = NEAR_AFFINE
+    prior[:, DOT + 1 : BENT] = NEAR_AFFINE
     prior[:, BENT:TWISTED] = 1 / np.square(MOST_BENT * theta[:, [CONTRAST]])
     prior[:, TWISTED:] = 1 / MOST_TWISTED**2
-    good = sound(batch, theta)
+    good = sound(batch, theta) & np.isfinite(ring.start).all(axis=(1, 2))
     safe = theta.copy()
     converged = np.zeros(len(theta), bool)
     for k in range(ROUNDS):
-        model, jacobian = _model(batch, ring, rings)
         if k < 4:
-            use = batch.inside & _usable(batch, rings.radii)
-        weight = use / sheet.variance_dn2(model)
-        normal, right = normal_matrix(jacobian, weight, values - model)
+            use = _usable(batch, rings.radii)
+        equations = _equations(batch, use, ring, rings, sheet)
+        normal, right = equations.normal, equations.right
         normal[:, np.arange(PARAMETERS), np.arange(PARAMETERS)] += prior
-        right[:, RING + 1 :] -= prior[:, RING + 1 :] * ring.known
+        right[:, DOT + 1 :] -= prior[:, DOT + 1 :] * ring.known
         covariance = inverse(normal)
         step = np.einsum("nij,nj->ni", covariance, right)
         longest = np.abs(step[:, : BLUR + 1]).max(axis=1) / (0.5 * np.maximum(theta[:, BLUR], 0.5))
-        longest = np.maximum(longest, np.abs(step[:, RING + 1 : BENT]).max(axis=1) / LONGEST_TURN)
+        longest = np.maximum(longest, np.abs(step[:, DOT + 1 : BENT]).max(axis=1) / LONGEST_TURN)
         step *= np.where(good, np.minimum(1, 1 / np.maximum(longest, 1e-12)), 0)[:, None]
-        theta += step[:, :RING]
+        theta += step[:, :DOT]
         theta[:, BLUR] = theta[:, BLUR].clip(LEAST_BLUR_PX, MOST_BLUR_PX)
-        ring.contrast += step[:, RING]
-        ring.turn += step[:, RING + 1 : BENT]
+        ring.contrast += step[:, DOT]
+        ring.turn += step[:, DOT + 1 : BENT]
         ring.bent += step[:, BENT:TWISTED]
         ring.twisted += step[:, TWISTED:]
         good &= sound(batch, theta) & np.isfinite(ring.turn).all(axis=1)
         theta[~good], ring.contrast[~good], ring.turn[~good], ring.bent[~good] = safe[~good], 1, 0, 0
         ring.twisted[~good] = 0
         sigma = np.sqrt(np.maximum(np.einsum("nii->ni", covariance[:, :2, :2]), 0))
-        still = np.abs(step[:, RING + 1 : BENT]).max(axis=1) < STILL
+        still = np.abs(step[:, DOT + 1 : BENT]).max(axis=1) < STILL
         converged = good & still & (longest < 1) & (np.abs(step[:, :2]) < 0.02 * sigma + 1e-6).all(axis=1)
         if k and np.all(converged | ~good):
             break
+    model = equations.model
     residual, variance = np.where(use, values - model, 0), np.where(use, sheet.variance_dn2(model), 0)
     centres = _centres(batch, use, residual, variance, covariance[:, :2, :2], converged)
     return Fitted(centres, *_worst_patch(residual, variance, theta[:, CONTRAST]))
@@ -201,70 +195,30 @@ def _worst_patch(residual: np.ndarray, variance: np.ndarray, contrast: np.ndarra
     return np.nan_to_num(size, nan=np.inf), np.nan_to_num(sigmas, nan=np.inf)
 
 
-def _model(batch: Batch, ring: _Ring, rings: Rings) -> tuple[np.ndarray, np.ndarray]:
-    """Pixel values (n, m, m) of dot and ring, and their derivatives (n, 31, m, m)."""
-    theta = batch.theta
-    value, by_dot = dot_model(batch, theta, None)
-    homography = ring.homography()
+def _equations(batch: Batch, use: np.ndarray, ring: _Ring, rings: Rings, sheet: SensorSheet) -> Equations:
+    theta, homography = batch.theta, ring.homography()
     radius_px = float(np.abs(np.linalg.eigvalsh(half_axes(theta))).max())
     nodes = ring_nodes(rings.bits, rings.radii, radius_px, float(theta[:, BLUR].min()))
-    seen = ring_in_pixels(nodes, ring.bright, homography, theta[:, BLUR], batch.half)
-    offset = np.arange(-batch.half, batch.half + 1.0)
-    column = [theta[:, k, None, None] for k in range(RING)]
-    dx, dy = offset - column[CX], offset[:, None] - column[CX + 1]
-    spread = column[BLUR] ** 2 + 1 / 12
-    lit_x, lit_y = (d * seen.value - spread * seen.by_shape[:, k] for k, d in ((0, dx), (1, dy)))
-    whole = column[CONTRAST] * seen.value + column[CONTRAST_X] * lit_x + column[CONTRAST_Y] * lit_y
-    lit = column[CONTRAST] + column[CONTRAST_X] * dx + column[CONTRAST_Y] * dy
-    # Far less of the light is bent than sloping: here the blur's width does not matter.
-    u, v = dx / ring.reach_px[:, None, None], dy / ring.reach_px[:, None, None]
-    curves = np.stack([u * u * np.ones_like(v), u * v, v * v * np.ones_like(u)], axis=1)
-    bend, ground = (np.einsum("nk,nkab->nab", part, curves) for part in (ring.bent[:, :3], ring.bent[:, 3:]))
-    cubes = np.stack([u * u * u * np.ones_like(v), u * u * v, u * v * v, v * v * v * np.ones_like(u)], axis=1)
-    twist = np.einsum("nk,nkab->nab", ring.twisted, cubes)
-    whole = whole + bend * seen.value
-    share = ring.contrast[:, None, None]
-
-    covered = by_dot[:, CONTRAST] + share * seen.value
-    jacobian = np.empty((len(theta), PARAMETERS, *value.shape[1:]))
-    jacobian[:, :RING] = by_dot
-    jacobian[:, BENT : BENT + 3], jacobian[:, BENT + 3 : TWISTED] = curves * covered[:, None], curves
-    light = column[CONTRAST] * covered + column[BACKGROUND] - ring.dark_dn
-    jacobian[:, TWISTED:] = cubes * light[:, None]
-    for k in (0, 1):
-        jacobian[:, CX + k] -= share * column[CONTRAST_X + k] * seen.value
-    jacobian[:, BLUR] += share * lit * seen.by_blur
-    jacobian[:, CONTRAST] = covered
-    jacobian[:, CONTRAST_X] += share * lit_x
-    jacobian[:, CONTRAST_Y] += share * lit_y
-    jacobian[:, RING] = whole
-    # Whatever moves an outline a little moves its blurred image likewise.
-    x, y = np.broadcast_to(offset, value.shape[1:]), np.broadcast_to(offset[:, None], value.shape[1:])
-    pixels = np.stack([x, y, np.ones_like(x)])
-    plane = (np.linalg.inv(homography) @ pixels.reshape(3, -1)).reshape(-1, *pixels.shape)
-    plane = plane / plane[:, 2:]
-    depth = np.einsum("nj,njab->nab", homography[:, 2], plane)
-    by_x, by_y = (share * lit * seen.by_shape[:, k] / depth for k in (0, 1))
-    for i in range(3):
-        to = ring.start[:, :, i, None, None]
-        moved = by_x * (to[:, 0] - x * to[:, 2]) + by_y * (to[:, 1] - y * to[:, 2])
-        for j in range(3):
-            if (i, j) in TURNS:
-                jacobian[:, RING + 1 + TURNS.index((i, j))] = moved * plane[:, j]
-    return value + ground + bend * by_dot[:, CONTRAST] + share * whole + twist * light, jacobian
+    return ring_equations(
+        batch.values,
+        use,
+        np.concatenate([theta, ring.contrast[:, None], ring.known], axis=1),
+        dot_outline(theta),
+        ring_outline(nodes, ring.bright, homography),
+        ring.start,
+        homography,
+        ring.reach_px,
+        ring.dark_dn,
+        sheet.noise_line(),
+    )
 
 
 def _usable(batch: Batch, radii: RingRadii) -> np.ndarray:
     """(n, m, m) pixels as far as the ring is felt, clear of what may lie beyond its quiet zone."""
-    theta = batch.theta
-    offset = np.arange(-batch.half, batch.half + 1)
-    dx, dy = (offset - theta[:, [CX]])[:, None, :], (offset - theta[:, [CX + 1]])[:, :, None]
-    to_circle = np.linalg.inv(half_axes(theta))[..., None, None]
-    q = np.hypot(to_circle[:, 0, 0] * dx + to_circle[:, 0, 1] * dy, to_circle[:, 1, 0] * dx + to_circle[:, 1, 1] * dy)
-    px_per_q = np.hypot(dx, dy) / np.maximum(q, 1e-9)
-    blur = np.hypot(theta[:, BLUR], 0.29)[:, None, None]
-    felt = (q - radii.outer) * px_per_q <= CLEAR_OF_BLUR * blur
-    return felt & (((radii.quiet - q) * px_per_q >= NEAR_EDGE * blur) | (q <= radii.outer))
+    theta, blur = batch.theta, np.hypot(batch.theta[:, BLUR], 0.29)
+    to_circle = np.linalg.inv(half_axes(theta))
+    felt_px, clear_px = CLEAR_OF_BLUR * blur, NEAR_EDGE * blur
+    return of_rings(batch.inside, theta, to_circle, felt_px, clear_px, radii.outer, radii.quiet)
 
 
 def _centres(

@@ -7,11 +7,11 @@ circle seen through a whole lens. When the outline moves, the value changes by t
 outline's speed across itself (Reynolds' transport theorem): one more such integral a parameter.
 """
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
+from testfield.detect.normal_table import normal
 from testfield.store.compiled import compiled
 
 SPACING = 1.3
@@ -19,7 +19,6 @@ SPACING = 1.3
 LEAST_BLUR_PX, MOST_BLUR_PX = 0.2, 8.0
 FELT = 5.0
 """Blurs beyond which an outline point is not felt: what is left there is less than a millionth."""
-ROOT_HALF = math.sqrt(0.5)
 
 
 @dataclass(frozen=True)
@@ -77,43 +76,71 @@ def _integrals(
     height: int,
     width: int,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Sums over outline points with their tangents times the step between them; `first` (n, 2) are the middles of the
-    windows' first pixels. A point is felt within `FELT` blurs; left of that a pixel is filled whole."""
-    n, points = outline.shape[:2]
-    p = by_shape.shape[1]
-    value, bent = np.zeros((n, height, width)), np.zeros((n, height, width))
-    moved = np.zeros((n, p, height, width))
-    most = width if width > height else height
-    across, filled, slope = np.empty((2, most)), np.empty(most), np.empty((2, most))
-    speed = np.empty(p)
+    n, p = by_shape.shape[0], by_shape.shape[1]
+    value, bent = np.empty((n, height, width)), np.empty((n, height, width))
+    moved, seen = np.empty((n, p, height, width)), np.empty((height, width, p + 2))
     for i in range(n):
-        # What is filled whole is noted where it ends, and summed up afterwards.
-        whole = np.zeros((height, width + 1))
-        for k in range(points):
-            x, y = outline[i, k, 0] - first[i, 0] + 0.5, outline[i, k, 1] - first[i, 1] + 0.5
-            dx, dy = tangent[i, k, 0], tangent[i, k, 1]
-            left, right = _weights(x, blur[i], width, across[0], filled, slope[0])
-            top, bottom = _weights(y, blur[i], height, across[1], filled[:0], slope[1])
-            for j in range(p):
-                speed[j] = by_shape[i, j, k, 0] * dy - by_shape[i, j, k, 1] * dx
-            for row in range(top, bottom):
-                share, turn = across[1, row], slope[1, row] * dx
-                whole[row, left] += share * dy
-                for column in range(left, right):
-                    value[i, row, column] += share * dy * filled[column]
-                    bent[i, row, column] += share * dy * slope[0, column] - turn * across[0, column]
-                for j in range(p):
-                    weight = share * speed[j]
-                    for column in range(left, right):
-                        moved[i, j, row, column] += weight * across[0, column]
+        integrate(outline[i], tangent[i], by_shape[i], blur[i], first[i], seen)
         for row in range(height):
-            total = 0.0
-            for column in range(width - 1, -1, -1):
-                total += whole[row, column + 1]
-                value[i, row, column] += total
-                # The blur obeys the heat equation: a change of its variance adds half the Laplacian.
-                bent[i, row, column] *= blur[i]
+            for column in range(width):
+                value[i, row, column], bent[i, row, column] = seen[row, column, 0], seen[row, column, 1]
+                for j in range(p):
+                    moved[i, j, row, column] = seen[row, column, 2 + j]
     return value, bent, moved
+
+
+@compiled
+def integrate(
+    outline: np.ndarray,
+    tangent: np.ndarray,
+    by_shape: np.ndarray,
+    blur: float,
+    first: np.ndarray,
+    seen: np.ndarray,
+) -> None:
+    """Into `seen` (h, w, p + 2) what the pixels see of one disc: its value, and the derivatives by the blur and by the
+    shape. These are sums over outline points with their tangents times the step between them; `first` (2,) is the
+    middle of the window's first pixel. A point is felt within `FELT` blurs; left of that a pixel is filled whole."""
+    height, width, kinds = seen.shape
+    flat = seen.reshape(height * width * kinds)
+    whole, none = np.zeros((height, width + 1)), np.empty(0)
+    across, filled, slope = np.empty(width), np.empty(width), np.empty(width)
+    down, turn = np.empty(height), np.empty(height)
+    row_part, turned_part = np.empty(width * kinds), np.empty(width * kinds)
+    for k in range(len(flat)):
+        flat[k] = 0
+    for k in range(len(outline)):
+        x, y = outline[k, 0] - first[0] + 0.5, outline[k, 1] - first[1] + 0.5
+        dx, dy = tangent[k, 0], tangent[k, 1]
+        left, right = _weights(x, blur, width, across, filled, slope)
+        top, bottom = _weights(y, blur, height, down, none, turn)
+        # All that a point adds to a row is one list of numbers times its share of the row, and one times the share's
+        # slope.
+        for column in range(left, right):
+            at = (column - left) * kinds
+            row_part[at], row_part[at + 1] = dy * filled[column], dy * slope[column]
+            turned_part[at], turned_part[at + 1] = 0.0, -dx * across[column]
+            for j in range(kinds - 2):
+                row_part[at + 2 + j] = (by_shape[j, k, 0] * dy - by_shape[j, k, 1] * dx) * across[column]
+                turned_part[at + 2 + j] = 0.0
+        count = (right - left) * kinds
+        for row in range(top, bottom):
+            whole[row, left] += down[row] * dy
+            at = (row * width + left) * kinds
+            _add(flat[at : at + count], row_part, turned_part, down[row], turn[row])
+    for row in range(height):
+        total = 0.0
+        for column in range(width - 1, -1, -1):
+            total += whole[row, column + 1]
+            seen[row, column, 0] += total
+            # The blur obeys the heat equation: a change of its variance adds half the Laplacian.
+            seen[row, column, 1] *= blur
+
+
+@compiled
+def _add(to: np.ndarray, part: np.ndarray, turned: np.ndarray, share: float, turn: float) -> None:
+    for k in range(len(to)):
+        to[k] += share * part[k] + turn * turned[k]
 
 
 @compiled
@@ -127,9 +154,8 @@ def _weights(
     below = density = integral = 0.0
     for edge in range(first, last + 1):
         u = at - edge
-        z = u / blur
-        next_below = 0.5 * math.erfc(-z * ROOT_HALF)
-        next_density = math.exp(-0.5 * z * z) * ROOT_HALF / (math.sqrt(math.pi) * blur)
+        next_below, next_density = normal(u / blur)
+        next_density /= blur
         next_integral = u * next_below + blur * blur * next_density
         if edge > first:
             across[edge - 1] = below - next_below

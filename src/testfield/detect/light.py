@@ -8,6 +8,8 @@ regression with a quadratic over the nearest, and bisquare weights against outli
 import numpy as np
 from scipy.spatial import cKDTree
 
+from testfield.detect.normal_equations import by_cholesky
+
 NEIGHBOURS, LEAST_NEIGHBOURS = 24, 10
 REACH = 20.0
 """Neighbours count up to this many diameters away."""
@@ -58,8 +60,8 @@ def local_gradients(
         residual, spread = _fit(design, level, weight)[1:]
         weight = near * (1 - np.minimum(np.abs(residual) / (6 * spread[:, None]), 1) ** 2) ** 2
     solution, residual, _ = _fit(design, level, weight)
-    inverse = np.linalg.pinv(np.einsum("nk,nki,nkj->nij", weight, design, design), hermitian=True)
-    squares = np.einsum("nk,nki,nkj->nij", weight**2, design, design)
+    inverse = _inverse(np.swapaxes(design * weight[..., None], 1, 2) @ design)
+    squares = np.swapaxes(design * weight[..., None] ** 2, 1, 2) @ design
     freedom = weight.sum(axis=1) - np.einsum("nij,nji->n", inverse, squares)
     variance = (weight * residual**2).sum(axis=1) / np.maximum(freedom, 1e-6)
     covariance = variance[:, None, None] * (inverse @ squares @ inverse)[:, 1:3, 1:3] / radius[:, None, None] ** 2
@@ -100,7 +102,15 @@ def _fit(design: np.ndarray, level: np.ndarray, weight: np.ndarray) -> tuple[np.
     """Weighted least squares: solutions (n, 6), residuals (n, k), median size of those with weight (n,)."""
     weighted = design * weight[..., None]
     normal = np.swapaxes(weighted, 1, 2) @ design
-    solution = (np.linalg.pinv(normal, hermitian=True) @ (np.swapaxes(weighted, 1, 2) @ level[..., None]))[..., 0]
+    solution = (_inverse(normal) @ (np.swapaxes(weighted, 1, 2) @ level[..., None]))[..., 0]
     residual = level - np.einsum("nki,ni->nk", design, solution)
     spread = np.nanmedian(np.where(weight > 0, np.abs(residual), np.nan), axis=1)
     return solution, residual, np.maximum(spread, 1e-12 * np.abs(level).max(axis=1) + 1e-300)
+
+
+def _inverse(normal: np.ndarray) -> np.ndarray:
+    """Inverses of normal matrices (n, 6, 6), or what comes nearest: neighbours may lie in one line."""
+    found, whole = by_cholesky(np.ascontiguousarray(normal))
+    if not whole.all():
+        found[~whole] = np.linalg.pinv(normal[~whole], hermitian=True)
+    return found

@@ -14,7 +14,6 @@ import numpy as np
 
 from testfield.camera.images import SensorSheet
 from testfield.detect.centre import half_widths, usable, windows
-from testfield.detect.centre_forward import normal_matrix
 from testfield.detect.disc import disc_in_pixels, ellipse_outline, outline_points
 from testfield.detect.screen import half_axes_of
 
@@ -185,7 +184,7 @@ def _fit(window: _Window, theta: np.ndarray, good: np.ndarray, sheet: SensorShee
     """Gauss and Newton's iteration on `theta`; what is lost is struck from `good`."""
     for _ in range(ROUNDS):
         model, jacobian = _model(window, theta, False)
-        normal, score = normal_matrix(jacobian, window.use / sheet.variance_dn2(model), window.values - model)
+        normal, score = _normal_matrix(jacobian, window.use / sheet.variance_dn2(model), window.values - model)
         step = np.einsum("nij,nj->ni", _inverse(normal), score)
         longest = np.abs(step[:, : BLUR + 1]).max(axis=1)
         limit = np.minimum(1, 0.5 / np.maximum(longest, 1e-12))
@@ -200,7 +199,7 @@ def _fit(window: _Window, theta: np.ndarray, good: np.ndarray, sheet: SensorShee
 def _measure(window: _Window, theta: np.ndarray, sheet: SensorSheet) -> tuple[np.ndarray, ...]:
     """What `Harmonics` holds, about fitted ellipses."""
     model, jacobian = _model(window, theta, True)
-    normal, score = normal_matrix(jacobian, window.use / sheet.variance_dn2(model), window.values - model)
+    normal, score = _normal_matrix(jacobian, window.use / sheet.variance_dn2(model), window.values - model)
     eliminate = normal[:, ELLIPSE:, :ELLIPSE] @ _inverse(normal[:, :ELLIPSE, :ELLIPSE])
     information = normal[:, ELLIPSE:, ELLIPSE:] - eliminate @ normal[:, :ELLIPSE, ELLIPSE:]
     score = score[:, ELLIPSE:] - np.einsum("nij,nj->ni", eliminate, score[:, :ELLIPSE])
@@ -254,6 +253,12 @@ def _model(window: _Window, theta: np.ndarray, with_harmonics: bool) -> tuple[np
     jacobian[:, ELLIPSE:] = lit[:, None] * by_shape[:, BLUR:]
     ground = theta[:, [BACKGROUND]] + theta[:, [BACKGROUND_X]] * dx + theta[:, [BACKGROUND_Y]] * dy
     return ground + lit * value, np.concatenate([jacobian, *middle], axis=1)
+
+
+def _normal_matrix(jacobian: np.ndarray, weight: np.ndarray, residual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Normal matrices (n, p, p) and their right sides (n, p)."""
+    weighted = jacobian * weight[:, None]
+    return weighted @ np.swapaxes(jacobian, 1, 2), (weighted @ residual[..., None])[..., 0]
 
 
 def _inverse(normal: np.ndarray) -> np.ndarray:

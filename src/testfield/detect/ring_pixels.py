@@ -69,6 +69,16 @@ def ring_in_pixels(
     """Pixel values (n, m, m) of the bright segments (n, bits), m = 2 `half` + 1; their derivatives by the blur, and
     (n, 2, m, m) by a shift along x and y. `homography` (n, 3, 3) leads the nodes to px about the window's middle."""
     n = len(bright)
+    outline, tangent = ring_outline(nodes, bright, homography)
+    points = outline.shape[1]
+    moves = np.broadcast_to(np.eye(2)[None, :, None, :], (n, 2, points, 2))
+    grid = np.broadcast_to(np.arange(-half, half + 1.0), (n, 2 * half + 1))
+    return disc_in_pixels(outline, tangent * (points / (2 * np.pi)), moves, blur_px, grid, grid)
+
+
+def ring_outline(nodes: RingNodes, bright: np.ndarray, homography: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Points (n, k, 2) on the outlines of the bright segments (n, bits) in px about the window's middle, whither
+    `homography` (n, 3, 3) leads the nodes; and their tangents times the nodes' weights."""
     counts = bright @ nodes.of_segment
     # Where neighbouring segments are alike there is no outline; what is left is brought to one length.
     order = np.argsort(counts == 0, axis=1, kind="stable")[:, : int((counts != 0).sum(axis=1).max(initial=1))]
@@ -77,7 +87,4 @@ def ring_in_pixels(
     outline = drawn[..., :2] / drawn[..., 2:]
     along = np.einsum("nij,nkj->nki", homography[:, :, :2], nodes.tangent[order])
     tangent = (along[..., :2] - outline * along[..., 2:]) / drawn[..., 2:]
-    tangent = tangent * np.take_along_axis(counts, order, axis=1)[..., None] * (order.shape[1] / (2 * np.pi))
-    moves = np.broadcast_to(np.eye(2)[None, :, None, :], (n, 2, order.shape[1], 2))
-    grid = np.broadcast_to(np.arange(-half, half + 1.0), (n, 2 * half + 1))
-    return disc_in_pixels(outline, tangent, moves, blur_px, grid, grid)
+    return outline, tangent * np.take_along_axis(counts, order, axis=1)[..., None]
