@@ -101,6 +101,19 @@ def test_a_blob_within_a_targets_width_tells_why_it_is_missed(by_hand: HandMade,
     assert {key: n - before.get(key, 0) for key, n in after.items() if n != before.get(key, 0)} == {why: 1}
 
 
+def test_a_blob_of_another_image_does_not_tell_why_a_target_is_missed(by_hand: HandMade) -> None:
+    """One of the right, put where the left misses mark 4 for want of a blob, and the other way round."""
+    o, seen = by_hand.observations, by_hand.views.disc_px
+    for row, station in ((18, 0), (CODED, 1)):
+        xy, status = o.xy_px.copy(), o.status.copy()
+        xy[CODED] = [900.0, 30]
+        status[row] = "odd"
+        before = score_detection(by_hand.world, by_hand.views, replace(o, xy_px=xy, status=status)).missed
+        xy[row] = seen[station, 4]
+        after = score_detection(by_hand.world, by_hand.views, replace(o, xy_px=xy, status=status)).missed
+        assert "odd" not in after and after["no blob there"] >= before["no blob there"] >= 2
+
+
 def test_what_an_image_without_any_blob_misses_is_not_there(by_hand: HandMade) -> None:
     left = by_hand.observations.take(by_hand.observations.station == 0)
     missed = score_detection(by_hand.world, by_hand.views, left).missed

@@ -61,6 +61,23 @@ def test_errors_of_boards_and_links_by_hand(chain: tuple[World, Calibration]) ->
     assert found.turn_rad[0] == pytest.approx([-spin[2], -spin[1]], abs=1e-11)
 
 
+def test_a_board_that_is_off_makes_both_its_links_wrong_and_no_other_board(chain: tuple[World, Calibration]) -> None:
+    """Moved, then turned where it is: the next board is seen off by as much the other way."""
+    world, calibration = chain
+    _, true = true_in_datum(world, calibration.board_names)
+    R, t = true.R.copy(), true.t_mm.copy()
+    R[1], t[1] = rotation(np.array([[1e-5, -2e-5, 8e-5]]))[0] @ R[1], t[1] + np.array([10, -40, 20]) * UM
+    shifted = chain_errors(world, replace(calibration, boards=Poses(true.R, t)))
+    turned = chain_errors(world, replace(calibration, boards=Poses(R, true.t_mm)))
+    for found in (shifted, turned):
+        assert found.nees.shape == (2,) and found.place_mm.shape == found.u_place_mm.shape == (2, 3)
+        assert found.nees[1] == pytest.approx(0, abs=1e-9) and found.place_mm[1] == pytest.approx([0] * 3, abs=1e-9)
+        assert found.shift_mm.shape == found.turn_rad.shape == (2, 2)
+    assert shifted.shift_mm[1] == pytest.approx(-shifted.shift_mm[0], abs=1e-9) and shifted.shift_mm[0].all()
+    assert shifted.turn_rad == pytest.approx(np.zeros((2, 2)), abs=1e-12)
+    assert turned.turn_rad[1] == pytest.approx(-turned.turn_rad[0], abs=1e-9) and turned.turn_rad[0].all()
+
+
 def test_the_mother_board_by_hand(chain: tuple[World, Calibration]) -> None:
     world, calibration = chain
     card = mother_scores(world, calibration)

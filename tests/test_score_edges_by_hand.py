@@ -252,6 +252,8 @@ def test_the_page_shows_the_station_that_measured_most(by_hand: HandMade) -> Non
     assert _telling_station(o) == "left"  # 13 of 14 against 4 of 5
     assert _telling_station(replace(o, station=1 - o.station)) == "right"
     assert _status_rows(o)[0] == ("measured", 17) and sorted(n for _, n in _status_rows(o)) == [1, 1, 17]
+    few = replace(o, status=np.where(np.arange(19) < 3, "measured", np.where(np.arange(19) < 9, "astray", "skew")))
+    assert _status_rows(few) == [("measured", 3), ("skew", 10), ("astray", 6)]
 
 
 def test_images_are_told_by_the_way_they_were_made() -> None:
