@@ -12,7 +12,9 @@ import numpy as np
 import pytest
 from hand_made import HandMade
 
+from testfield.chain.keys import expose_key
 from testfield.errors import TestfieldError
+from testfield.scene.load import load_scene
 from testfield.score.acceptance import _nearest, acceptance, points_card
 from testfield.score.align import aligned_covariance, rigid_basis, rigid_fit, row_of
 from testfield.score.camera import _places
@@ -56,6 +58,24 @@ def test_the_numbers_of_a_mark_are_those_of_its_board_its_code_or_its_turn() -> 
         *normals(9, "pixels/left/plain", 1, 2),
     ]
     assert drawn.tolist() == np.array(expected).tolist()
+
+
+def test_a_frame_depends_on_the_noise_and_on_the_sensors_own_seed() -> None:
+    """Where none is given the scene's seed stands for it."""
+    scene = load_scene(Path(__file__).parents[1] / "scenes/quick.toml")
+    other = scene.seed + 1
+    key = expose_key(scene, "left", "light")
+    assert expose_key(scene, "left", "light", scene.seed) == key
+    assert expose_key(scene.model_copy(update={"noise_seed": scene.seed}), "left", "light") == key
+    others = [
+        expose_key(scene, "left", "light", other),
+        expose_key(scene, "left", "light", 0),
+        expose_key(scene.model_copy(update={"noise_seed": other}), "left", "light"),
+        expose_key(scene.model_copy(update={"seed": other}), "left", "light"),
+        expose_key(scene, "right", "light"),
+        expose_key(scene, "left", "other light"),
+    ]
+    assert len({key, *others}) == 7
 
 
 # ------------------------------------------------------------------ limits
@@ -152,6 +172,14 @@ def test_a_pixel_on_the_images_last_edge_belongs_to_the_last_cells(by_hand: Hand
     camera = replace(by_hand.world.interior, width_px=1300, height_px=1100)
     seen = np.array([[1300.0, 50], [1240, 40], [50, 1100], [40, 1060], [1300, 1100], [1255, 1045]])
     assert _places(camera, seen).tolist() == [[1240, 40], [40, 1060], [1255, 1045]]
+
+
+def test_small_turns_are_about_the_middle_and_move_it_nowhere() -> None:
+    points = np.array([[1.0, 2, 3], [5, 2, 3], [3, 8, 3], [3, 4, 11]])
+    basis = rigid_basis(points).reshape(4, 3, 6)
+    assert basis[:, :, 3:].mean(axis=0) == pytest.approx(np.zeros((3, 3)), abs=1e-12)
+    first = basis[0, :, 3:].T  # of a point (-2, -2, -2) from the middle
+    assert first == pytest.approx(np.cross(np.eye(3), [-2, -2, -2]))
 
 
 # ------------------------------------------------------------------ trials
