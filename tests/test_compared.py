@@ -111,7 +111,7 @@ def test_where_detection_fails_all_that_was_expected_is_missed(tiny: Run) -> Non
 
     with registered("centroids", "failing", fail):
         row = row_of(tiny, Recipe("failing", Algorithm("failing")))
-    assert (row[KIND], row[STAGE], row[FAILURE]) == ("crashed", "detect", "KeyError: 'label'")
+    assert (row[KIND], row[STAGE]) == ("crashed", "detect") and "KeyError: 'label'" in row[FAILURE]
     assert (
         row["detection.missed"] == row["detection.expected"] == row_of(tiny, None, sanity=TRUTH)["detection.expected"]
     )

@@ -23,12 +23,12 @@ class Kind(Enum):
 
 def kind_of(error: Exception) -> Kind:
     """The kind of an error. One that speaks was refused, unless it says itself what it is (`kind`, as a word of
-    `Kind`); all others crashed."""
+    `Kind`) or was caused by the end of a time limit; all others crashed."""
+    if any(isinstance(one, (TimeoutError, subprocess.TimeoutExpired)) for one in (error, error.__cause__)):
+        return Kind.TIMED_OUT
     said = getattr(error, "kind", None)
     if said in {kind.value for kind in Kind}:
         return Kind(said)
-    if isinstance(error, (TimeoutError, subprocess.TimeoutExpired)):
-        return Kind.TIMED_OUT
     return Kind.REFUSED if isinstance(error, TestfieldError) else Kind.CRASHED
 
 
