@@ -12,11 +12,12 @@ import numpy as np
 import pytest
 
 from testfield import registry
-from testfield.camera.images import Frame
+from testfield.camera.images import Frame, SensorSheet
 from testfield.chain.run import Run
 from testfield.cli.main import main
 from testfield.detect.observations import Observations
 from testfield.errors import TestfieldError
+from testfield.measure.detector import eight_bits, pgm
 from testfield.measure.pipeline import detect, detect_all, measure
 from testfield.measure.recipe import Recipe
 from testfield.measure.results import EXPORT, image_digest, recipe_at
@@ -78,6 +79,15 @@ def test_centres_without_names_get_those_of_the_marks_that_are_there(tiny: Run, 
     for name in ("code", "board", "point"):
         assert np.array_equal(getattr(found, name)[:-1], getattr(own, name))
     assert found.code[-1] == 0 and found.board[-1] == -1
+
+
+@pytest.mark.parametrize("black", [64, 64.0])
+def test_eight_bits_go_from_black_to_full_and_a_pgm_holds_every_pixel(black: float) -> None:
+    pixels = np.array([[0, 64, 2079, 4095]] * 2, np.uint16)
+    frame = Frame("one", pixels, SensorSheet(2.6, 2.3, black, 12))
+    assert eight_bits(frame)[0].tolist() == [0, 0, 127, 255]
+    head, data = pgm(frame).split(b"65535\n")
+    assert head == b"P5\n4 2\n" and np.array_equal(np.frombuffer(data, ">u2").reshape(2, 4), pixels)
 
 
 WRONG = {

@@ -3,8 +3,8 @@
     python find_points.py IMAGE.png FIELD.json CENTRES.csv
 
 What is looked for, and how, follows from the field sheet: a ChArUco board's corners; a checkerboard's by sectors, or by
-the older finder and cornerSubPix where the board is called 'classic'; the circles of a grid. ChArUco corners carry their
-numbers; others are written without names, and testfield names them by where they are.
+the older finder and cornerSubPix where the board is called 'classic'; the circles of a grid. ChArUco corners carry
+their numbers; others are written without names, and testfield names them by where they are.
 """
 
 import json

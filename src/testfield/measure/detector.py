@@ -49,7 +49,10 @@ FILES = {"image": "image.png", "image8": "image8.png", "pgm": "image.pgm", "shee
 def eight_bits(frame: Frame) -> np.ndarray:
     """(h, w) uint8: black to the level at which pixels are full, as most image libraries take it."""
     black, full = frame.sheet.black_level_dn, frame.sheet.saturation_dn
-    return np.clip(np.rint(255 * (frame.pixels_dn - black) / max(full - black, 1.0)), 0, 255).astype(np.uint8)
+    # As floats: a sheet's black level may be a whole number, and 16 bits do not hold 255 times a pixel.
+    return np.clip(np.rint(255.0 * (frame.pixels_dn.astype(float) - black) / max(full - black, 1.0)), 0, 255).astype(
+        np.uint8
+    )
 
 
 def pgm(frame: Frame) -> bytes:
