@@ -1,5 +1,6 @@
 """`testfield bench chain`: every stage is timed, another checkout is run beside, and what is none is refused."""
 
+import os
 from pathlib import Path
 
 import pytest
@@ -18,7 +19,8 @@ def test_a_checkout_run_beside_itself_takes_the_time_that_its_stages_take() -> N
         timed = [name for name in STAGES if name not in ("score", "report")]
         assert list(side["stages_s"]) == timed
         assert 0 < sum(side["stages_s"].values()) < side["wall_s"]
-        assert side["processor_s"] > 0.5 * sum(side["stages_s"].values())
+        # What else the machine does takes from the wall clock alone, so the two cannot be held against each other.
+        assert 2 < side["processor_s"] < side["wall_s"] * (os.cpu_count() or 1)
         assert 0.1 < side["peak_memory_gb"] < 4
         assert side["radiance_gb"] > 0
     assert found["ratio"] == found[OURS]["wall_s"] / found[THEIRS]["wall_s"]

@@ -1,9 +1,9 @@
 import json
 import os
+import resource
 import shutil
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import cv2
@@ -20,13 +20,14 @@ from testfield.study.study import Results, Study, Table
 SCENES = Path(__file__).parents[1] / "scenes"
 
 
-def test_help_answers_in_under_half_a_second() -> None:
+def test_help_takes_under_half_a_second_of_the_processors_time() -> None:
     times = []
     for _ in range(3):
-        start = time.perf_counter()
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
         subprocess.run([sys.executable, "-m", "testfield", "--help"], check=True, capture_output=True)
-        times.append(time.perf_counter() - start)
-    assert min(times) < 0.5
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        times.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
+    assert 0 < min(times) < 0.5
 
 
 def test_the_schema_is_the_one_that_lies_beside_the_scenes(capsys: pytest.CaptureFixture) -> None:
