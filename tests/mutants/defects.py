@@ -1035,6 +1035,11 @@ CLUSTERED = "tests/test_paired.py::test_intervals_hold_95_of_a_hundred_where_dra
 OF_MANY = "tests/test_paired.py::test_of_many_equal_ones_any_is_called_different_in_no_more_than_five_of_a_hundred"
 KNOWN = "tests/test_compare.py::test_a_truth_that_errs_or_a_broken_one_that_wins_condemns_the_page"
 COUNTED = "tests/test_compare.py::test_failures_are_counted_and_not_dropped"
+CLAIMS = "tests/test_ranks_and_claims.py::test_true_claims_lie_in_the_band_and_small_ones_above"
+RANKS = "tests/test_ranks_and_claims.py::test_rank_intervals_hold_all_true_places_at_once_in_95_of_a_hundred"
+STRATA = "tests/test_ranks_and_claims.py::test_levels_of_a_factor_are_no_draws"
+WORST = "tests/test_worst.py::test_the_largest_error_of_each_is_found_with_what_others_found_there"
+FACTOR = "tests/test_comparison.py::test_a_wrong_file_is_named_with_its_field_and_value"
 COMPARING = [
     Defect(
         "better and worse are exchanged",
@@ -1059,6 +1064,17 @@ COMPARING = [
     ),
     Defect("a truth that errs is believed", "sane", "truth.abs() < 1e-9", "truth.abs() < 1", KNOWN),
     Defect("a failed case is left out", "_summary", "int(failed(rows).sum())", "0", COUNTED),
+    Defect(
+        "regions are wider than stated",
+        "_row",
+        "squares <= chi2.ppf(level, freedom)",
+        "squares <= 2 * chi2.ppf(level, freedom)",
+        CLAIMS,
+    ),
+    Defect("a rank is shown as certain", "rank_intervals", "1 + better[name]", "1 + order.index(name)", RANKS),
+    Defect("the best case is shown as the worst", "_largest", "int(np.argmax(size))", "int(np.argmin(size))", WORST),
+    Defect("a factor that no scene has is let pass", "setups_of", "len(absent) == len(bases)", "False", FACTOR),
+    Defect("strata are averaged like sums", "mean_of_strata", "n**2", "n", STRATA),
 ]
 DEFECTS = [
     *COMPARING,
