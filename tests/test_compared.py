@@ -3,13 +3,14 @@
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from testfield import registry
-from testfield.chain.run import Run
+from testfield.chain.run import Run, begin
 from testfield.errors import TestfieldError
 from testfield.evaluate import compared
 from testfield.evaluate.case import Case
@@ -19,6 +20,7 @@ from testfield.evaluate.metrics import CENTRE, CORNER, POINTS
 from testfield.measure.recipe import Algorithm, Recipe
 from testfield.store.memory import peak_memory
 
+ROOT = Path(__file__).parents[1]
 GREY = Recipe("grey", Algorithm("grey_centroid"))
 
 
@@ -123,3 +125,12 @@ def test_memory_is_what_was_taken_and_given_back_within() -> None:
     with peak_memory() as large:
         np.ones(20_000_000).sum()
     assert 150 < large.mb < 220 and small.mb < 20
+
+
+@pytest.mark.parametrize("scene", ["charuco", "camera_cell"])
+def test_the_truth_scores_zero_whatever_a_scene_has(scene: str, tmp_path: Path) -> None:
+    run, _ = begin(ROOT / f"scenes/{scene}.toml", tmp_path, None, 1)
+    truth, broken = row_of(run, None, sanity=TRUTH), row_of(run, None, sanity=BROKEN)
+    assert truth[CENTRE.key] == 0 and truth["detection.found_fraction"] == 1 and truth["detection.expected"] > 500
+    assert truth["detection.wrong_code"] == truth["detection.wrong_dot"] == truth["detection.false"] == 0
+    assert broken[CENTRE.key] == pytest.approx(SHIFT_PX / np.sqrt(2), rel=1e-9)
