@@ -84,11 +84,18 @@ def test_a_truth_that_errs_or_a_broken_one_that_wins_condemns_the_page() -> None
         rows = rows_of(recipe=["a", "b", TRUTH, BROKEN], **{CENTRE.key: [0.01, 0.02, truth, broken]})
         return conclude(rows, ["a", "b"], MATTERS).sane
 
-    assert known(0.0, 0.35)
-    assert not known(1e-6, 0.35)
+    assert known(0.0, SHIFT_PX / np.sqrt(2))
+    assert not known(1e-6, SHIFT_PX / np.sqrt(2))
+    assert not known(0.0, 0.35)
     assert not known(0.0, 0.015)
     rows = rows_of(recipe=["a", "b"], **{CENTRE.key: [0.01, 0.02]})
     assert not conclude(rows, ["a", "b"], MATTERS).sane
+
+
+def test_a_recipe_worse_than_what_is_broken_is_named_and_the_ruler_is_believed() -> None:
+    rows = rows_of(recipe=["a", "b", TRUTH, BROKEN], **{CENTRE.key: [0.01, 0.6, 0.0, SHIFT_PX / np.sqrt(2)]})
+    compared = conclude(rows, ["a", "b"], MATTERS)
+    assert compared.sane and compared.lost_to_broken == ["b"]
 
 
 def test_failures_are_counted_and_not_dropped() -> None:

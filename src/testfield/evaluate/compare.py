@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from testfield.evaluate.bias import bias_table, centre_errors
-from testfield.evaluate.compared import BROKEN, TRUTH
+from testfield.evaluate.compared import BROKEN, SHIFT_PX, TRUTH
 from testfield.evaluate.curves import curve, in_metrics
 from testfield.evaluate.failures import FAILURE, KIND, STAGE, Kind
 from testfield.evaluate.metrics import CENTRE, COMMON, METRICS, Metric
@@ -41,10 +41,16 @@ class Compared:
 
     @property
     def sane(self) -> bool:
-        """Whether the truth scores zero and what is broken loses to every recipe."""
+        """Whether the truth scores zero, and what is broken scores what it was broken by."""
         truth, broken = (self.sanity.loc[self.sanity.recipe == name, CENTRE.key] for name in (TRUTH, BROKEN))
-        own = self.summary[CENTRE.key].dropna()
-        return bool(len(truth) and len(broken) and (truth.abs() < 1e-9).all() and (broken.min() > own).all())
+        planted = (broken - SHIFT_PX / np.sqrt(2)).abs() < 1e-9
+        return bool(len(truth) and len(broken) and (truth.abs() < 1e-9).all() and planted.all())
+
+    @property
+    def lost_to_broken(self) -> list[str]:
+        """Recipes that err more than what is broken on purpose, which should lose to all."""
+        broken = self.sanity.loc[self.sanity.recipe == BROKEN, CENTRE.key].min()
+        return [name for name, own in zip(self.summary.recipe, self.summary[CENTRE.key], strict=True) if own >= broken]
 
     @property
     def ground_um_per_px(self) -> float:
