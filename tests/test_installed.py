@@ -47,7 +47,6 @@ def test_scenes_are_listed_with_what_they_are(capsys: pytest.CaptureFixture) -> 
     assert all(row["what"] for row in listed.values())
 
 
-@pytest.mark.slow
 def test_a_wheel_holds_what_the_program_reads(tmp_path: Path) -> None:
     for name in ("src", "scenes"):
         unwanted = shutil.ignore_patterns("__pycache__", "*.egg-info")
