@@ -8,12 +8,15 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from pyarrow import csv
 
 from testfield.calibrate.calibration import Calibration
 from testfield.camera.interior import Interior
 from testfield.camera.pose import Poses
+from testfield.detect.centres_file import read_centres
 from testfield.detect.observations import MEASURED, Observations
 from testfield.errors import TestfieldError
+from testfield.reconstruct.points import Points
 from testfield.targets.field import Field, NominalBoard
 from testfield.targets.marks import Marks
 
@@ -135,6 +138,29 @@ def test_a_file_without_its_meaning_or_that_is_no_table_is_named(tmp_path: Path)
     path.write_bytes(damaged)
     with pytest.raises(TestfieldError, match=r"p\.parquet"):
         Observations.load(path)
+
+
+def _twice(columns: dict, name: str, path: Path) -> Path:
+    """A table with one column twice, whose second says something else."""
+    table = pa.table(columns)
+    table = table.append_column(name, pa.array(np.asarray(columns[name]) + 1))
+    if path.suffix == ".csv":
+        csv.write_csv(table, path)
+    else:
+        pq.write_table(table.replace_schema_metadata({"centre_of_disc": "True"}), path)
+    return path
+
+
+@pytest.mark.parametrize("name", ["p.csv", "p.parquet"])
+def test_a_column_that_occurs_twice_is_named_with_its_file(name: str, tmp_path: Path) -> None:
+    path = _twice(good(), "x_px", tmp_path / name)
+    for read in (Observations.load, lambda path: read_centres(path, "left", sheet(), SIZE)):
+        with pytest.raises(TestfieldError, match=f"{name}.*x_px occurs"):
+            read(path)
+    points = {"code": [1], **{f"{axis}_mm": [0.0] for axis in "xyz"}}
+    points |= {"rays": [2], "residual_rms_px": [0.0], "rejected": [0]}
+    with pytest.raises(TestfieldError, match=f"{name}.*'y_mm' occurs"):
+        Points.load(_twice(points, "y_mm", tmp_path / name))
 
 
 def calibration() -> dict:

@@ -99,7 +99,7 @@ class Table:
 
 
 def open_table(path: Path) -> Table:
-    """Open a table. Raises `TestfieldError` where there is none, or one beyond all size."""
+    """Open a table. Raises `TestfieldError` where there is none, one beyond all size, or a column twice."""
     import pyarrow.parquet as pq
     from pyarrow import csv
 
@@ -110,13 +110,20 @@ def open_table(path: Path) -> Table:
         if lines:
             texts = csv.ConvertOptions(column_types=dict.fromkeys(TEXTS, "string"), strings_can_be_null=False)
             columns = csv.read_csv(path, csv.ReadOptions(use_threads=False), convert_options=texts)
+            names = columns.column_names
         else:
-            columns = pq.read_table(path)
+            names = pq.read_schema(path).names
+            # Arrow reads no Parquet with a name that occurs twice, and says so in a riddle.
+            columns = pq.read_table(path) if len(set(names)) == len(names) else None
     except FileNotFoundError:
         raise TestfieldError("there is no such file", str(path), "run `testfield detect` first") from None
     except (OSError, ValueError, KeyError) as error:  # Arrow's own errors are among these
         reason = " ".join(f"{error}".split())[:120]
         raise TestfieldError(f"not a readable observations file ({reason})", str(path), "make it again") from error
+    if twice := [name for name in dict.fromkeys(names) if names.count(name) > 1]:
+        raise TestfieldError(
+            f"column {twice[0]} occurs {names.count(twice[0])} times", str(path), "write every column once"
+        )
     if columns.num_rows > MOST_ROWS:
         raise _too_large(f"{columns.num_rows:,} rows", path)
     return Table(path, columns, notes_of(columns), lines)

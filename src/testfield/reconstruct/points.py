@@ -110,6 +110,7 @@ def _from_csv(path: Path) -> Points:
     from pyarrow import csv
 
     table = csv.read_csv(path)
+    unique(table.column_names, "column")
     if missing := [name for name in ("code", "x_mm", "y_mm", "z_mm") if name not in table.column_names]:
         raise ValueError(f"there is no column {', '.join(missing)}")
     n = table.num_rows

@@ -103,9 +103,10 @@ def notes_of(table: Any) -> dict[str, str]:
 def read_columns(path: Path, kinds: Mapping[str, str]) -> tuple[dict[str, Any], dict[str, str]]:
     """Columns of a Parquet file by name, and its notes. `kinds` of NumPy: "f" finite numbers, "n" numbers that may be
     NaN, "i" whole numbers, "O" lists of numbers, "?" such lists, in a column that may be missing. There may be more
-    columns, but no nulls in these."""
+    columns, each once, but no nulls in these."""
     import pyarrow.parquet as pq
 
+    unique(pq.read_schema(path).names, "column")
     table = pq.read_table(path, columns=None)
     notes = notes_of(table)
     version = notes.get("format", str(FORMAT))
@@ -115,8 +116,8 @@ def read_columns(path: Path, kinds: Mapping[str, str]) -> tuple[dict[str, Any], 
     for name, kind in kinds.items():
         if kind == "?" and name not in table.column_names:
             continue
-        if table.column_names.count(name) != 1:
-            raise ValueError(f"there is no column '{name}', or more than one")
+        if name not in table.column_names:
+            raise ValueError(f"there is no column '{name}'")
         column = table[name]
         if column.null_count:
             raise ValueError(f"column '{name}' has nulls")
