@@ -98,6 +98,21 @@ def test_a_recipe_worse_than_what_is_broken_is_named_and_the_ruler_is_believed()
     assert compared.sane and compared.lost_to_broken == ["b"]
 
 
+def test_where_every_case_failed_the_tables_stand_and_nothing_is_believed() -> None:
+    rows = rows_of(recipe=["a", "b", TRUTH, BROKEN], **{FAILURE: ["too few boards"] * 4})
+    compared = conclude(rows, ["a", "b"], MATTERS)
+    assert not compared.sane and compared.lost_to_broken == [] and compared.summary.failed.tolist() == [1, 1]
+
+
+def test_a_comparison_without_any_figure_says_why_in_one_sentence(tmp_path: Path) -> None:
+    scene = tmp_path / "scene.toml"
+    scene.write_text(TINY.read_text() + '\n[measure]\ncentroid = "nonsense"\n')
+    words = (scene, "--centroids", "forward_model,grey_centroid", "--draws", 1, "--out", tmp_path / "out", "--jobs", 1)
+    said = run_compare(*words)
+    assert said.returncode == 2 and "nonsense" in said.stderr and "Traceback" not in said.stderr
+    assert not (tmp_path / "out/report.html").exists()
+
+
 def test_failures_are_counted_and_not_dropped() -> None:
     rows = rows_of(recipe=["a", "b", "a", "b"], **{CENTRE.key: [0.01, np.nan, 0.01, 0.02]})
     rows["draw"] = [1, 1, 2, 2]

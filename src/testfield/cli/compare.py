@@ -59,7 +59,8 @@ def act(args: argparse.Namespace) -> int:
     import json
 
     from testfield.cli.show import jobs_of
-    from testfield.evaluate.compare import conclude
+    from testfield.errors import TestfieldError
+    from testfield.evaluate.compare import conclude, why_nothing
     from testfield.evaluate.compare_floor import Floor
     from testfield.evaluate.compare_page import write_comparison
     from testfield.evaluate.compare_tables import differences_table
@@ -76,6 +77,8 @@ def act(args: argparse.Namespace) -> int:
     names = [recipe.name for recipe in comparison.recipes]
     with only_writer(args.out):
         rows = execute(cases, args.out, jobs_of(args.jobs), "compare")
+        if said := why_nothing(rows):
+            raise TestfieldError(said)
         compared = conclude(rows, names, comparison.matters)
         floor = Floor.of(floor_of(args.out), compared.ground_um_per_px)
         made = provenance(comparison, cases, sys.argv[1:])

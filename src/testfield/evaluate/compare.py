@@ -42,14 +42,14 @@ class Compared:
     @property
     def sane(self) -> bool:
         """Whether the truth scores zero, and what is broken scores what it was broken by."""
-        truth, broken = (self.sanity.loc[self.sanity.recipe == name, CENTRE.key] for name in (TRUTH, BROKEN))
+        truth, broken = (_centre_px(self.sanity, name) for name in (TRUTH, BROKEN))
         planted = (broken - SHIFT_PX / np.sqrt(2)).abs() < 1e-9
         return bool(len(truth) and len(broken) and (truth.abs() < 1e-9).all() and planted.all())
 
     @property
     def lost_to_broken(self) -> list[str]:
         """Recipes that err more than what is broken on purpose, which should lose to all."""
-        broken = self.sanity.loc[self.sanity.recipe == BROKEN, CENTRE.key].min()
+        broken = _centre_px(self.sanity, BROKEN).min()
         return [name for name, own in zip(self.summary.recipe, self.summary[CENTRE.key], strict=True) if own >= broken]
 
     @property
@@ -92,6 +92,20 @@ def conclude(rows: pd.DataFrame, recipes: Sequence[str], matters: Mapping[str, f
         failures=failures_of(own),
         sanity=rows[rows.recipe.isin([TRUTH, BROKEN])].reset_index(drop=True),
     )
+
+
+def why_nothing(rows: pd.DataFrame) -> str | None:
+    """Where no row has any figure, why the first did not come to one; None where there are figures."""
+    if any(pd.to_numeric(rows[metric.key], errors="coerce").notna().any() for metric in METRICS if metric.key in rows):
+        return None
+    said = rows[FAILURE].dropna() if FAILURE in rows else pd.Series(dtype=object)
+    return str(said.iloc[0]) if len(said) else None
+
+
+def _centre_px(rows: pd.DataFrame, recipe: str) -> pd.Series:
+    """A recipe's centre errors, not numbers where its cases failed."""
+    own = rows[rows.recipe == recipe]
+    return pd.to_numeric(own[CENTRE.key], errors="coerce") if CENTRE.key in own else pd.Series(np.nan, own.index)
 
 
 def table_of(own: pd.DataFrame, metric: Metric) -> pd.DataFrame:
