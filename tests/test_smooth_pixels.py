@@ -267,3 +267,20 @@ def test_an_outline_of_any_size_marks_all_pixels_that_it_passes(radius_mm: float
     assert not (passed & ~beside & 1).any()
     # And few that it does not.
     assert not (followed & ~cv2.dilate(passed, np.ones((3, 3), np.uint8)) & 1).any()
+
+
+@pytest.mark.parametrize("margin", [0, 3, 40])
+def test_a_pass_takes_what_there_is_room_for_wherever_edges_are(margin: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    cells, height, width = 3, 400, 300
+    monkeypatch.setattr(fast, "CELLS_A_PASS", 100_000)
+    crossed = np.zeros((height + 2 * margin, width + 2 * margin), bool)
+    crossed[170:230, ::2] = True
+    strips = fast._strips(crossed, cells, margin)
+    assert [top for top, _ in strips] == [0, *(bottom for _, bottom in strips[:-1])] and strips[-1][1] == height
+    heights = [bottom - top for top, bottom in strips]
+    assert margin > 3 or max(heights) > 2 * min(heights[:-1])
+    for top, bottom in strips:
+        own = crossed[top : bottom + 2 * margin]
+        divided = own.size if own.mean() > fast.MOSTLY else np.count_nonzero(own)
+        assert bottom - top <= max(2 * margin, 1) or own.size + divided * cells**2 <= 100_000 + own.size
+    assert len(fast._strips(crossed & False, cells, 0)) <= 2

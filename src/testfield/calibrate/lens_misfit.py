@@ -40,6 +40,9 @@ LENGTHS = (0.12, 0.24, 0.48, 0.96)
 """Lengths that are tried, as parts of the image's diagonal."""
 SIGNIFICANT = 10.0
 """Least rise of twice the log likelihood; by chance, without a field, it is reached in 1 case of 1,000."""
+ROUNDING = 1e-12
+"""Chi-squared a degree of freedom of residuals that are roundings, a millionth of what is claimed; it may come out
+negative."""
 UNSEEN = 1e-3
 """A field of a smaller part of what a typical observation claims is none: rounding has patterns too."""
 NEGLIGIBLE = 3e-4
@@ -99,6 +102,8 @@ def lens_misfit(network: Network, labels: list[str], freedom: int) -> LensMisfit
     if len(network.cameras) != 1 or freedom < LEAST_FREEDOM:
         return None
     seen = _seen(without_lens_misfit(network), labels)
+    if seen.chi2 < ROUNDING * freedom:
+        return None
     size = (network.interior.width_px, network.interior.height_px)
     found = [(*_most_likely(seen, prior_root(*size, part), freedom), part) for part in LENGTHS]
     rise, ratio, variance, part = max(found)

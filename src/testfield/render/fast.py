@@ -59,32 +59,38 @@ def render_fast(
     cells, margin = spread.cells, spread.margin
     view = _View(stage, light, station, bounce)
     edges = edge_pixels(world, light.direct, station, exposure, margin)
-    strip = _strip(edges, cells, margin)
-    strips = -(-height // strip)
-    strip = -(-height // strips)
     values = np.empty((height, width), np.float32)
-    for top in range(0, height, strip):
-        part = edges[top : top + strip + 2 * margin]
+    for top, bottom in _strips(edges > 0, cells, margin):
+        part = edges[top : bottom + 2 * margin]
         smooth = smooth_pixels(partial(view.middles, top - margin, -margin), part > 0)
         row, column = np.nonzero(part)
         fine = np.empty((len(row), cells**2), np.float32)
         for kind, finer in ((EDGE, 1), (BORDER, max(1, round(FINER / np.sqrt(len(exposure)))))):
             own = part[row, column] == kind
             fine[own] = view.cells(exposure, row[own] + (top - margin), column[own] - margin, cells, finer)
-        values[top : top + strip] = spread.blurred(smooth, row, column, fine)
-        progress(1 / strips)
+        values[top:bottom] = spread.blurred(smooth, row, column, fine)
+        progress((bottom - top) / height)
     return Radiance(world.station_name[station], values)
 
 
-def _strip(edges: np.ndarray, cells: int, margin: int) -> int:
-    """Rows of the image in one pass. Each pass costs time of its own, so it takes all the cells there is room for."""
-    inside = len(edges) - 2 * margin
-    crossed = int(np.count_nonzero(edges))
-    # Where most pixels are crossed, all are divided (`PointSpread.blurred`).
-    count = edges.size * cells**2 if crossed > MOSTLY * edges.size else edges.size + crossed * cells**2
-    passes = -(-count // CELLS_A_PASS)
-    # A wide point spread needs a margin above and below each strip: no strip is so low that margins are most of it.
-    return max(inside // passes, 2 * margin, 1)
+def _strips(crossed: np.ndarray, cells: int, margin: int) -> list[tuple[int, int]]:
+    """First row of the image, and the one after the last, of each pass. A pass costs time of its own, so each takes all
+    the cells there is room for."""
+    rows, width = crossed.shape
+    so_far = np.append(0, np.cumsum(np.count_nonzero(crossed, axis=1)))
+    found, top, height = [], 0, rows - 2 * margin
+    while top < height:
+        bottoms = np.arange(top + 1, height + 1)
+        size = (bottoms - top + 2 * margin) * width
+        own = so_far[bottoms + 2 * margin] - so_far[top]
+        # Where most pixels are crossed, all are divided (`PointSpread.blurred`).
+        count = np.where(own > MOSTLY * size, size * cells**2, size + own * cells**2)
+        room = np.append(count > CELLS_A_PASS, True).argmax()
+        # A wide point spread needs a margin above and below: no strip is so low that margins are most of it.
+        bottom = min(top + max(int(room), 2 * margin, 1), height)
+        found.append((top, bottom))
+        top = bottom
+    return found
 
 
 class _View:
