@@ -9,7 +9,7 @@ import shlex
 import signal
 import subprocess
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 from testfield.errors import TestfieldError
@@ -22,36 +22,72 @@ MOST_BYTES = 256 * 1024 * 1024
 LOOK_S = 0.02
 WORDS = 300
 """Characters of a program's own words that are repeated."""
+KEEPER = """
+read -r group && { read -r ended && exit; kill -KILL "-$group"; }
+rm -rf -- "$1"
+"""
+"""A shell that reads a program's group, and then nothing but the end of the pipe where we ended before the program."""
 
 
 def run_program(program: Program, files: Mapping[str, Path], work: Path, about: str) -> None:
     """Run a program, `files` in the place of the names in braces; `work` is a folder of its own for what it says.
 
     `about` names the image or scene in errors. Raises `TestfieldError` where it cannot be started, does not end within
-    its time, ends with another status than 0, or writes beyond all measure.
+    its time, ends with another status than 0, or writes beyond all measure. Where this process is itself ended
+    meanwhile, even by SIGKILL, the program is too, and `work` is removed.
     """
     words = [_filled(word, files) for word in shlex.split(program.command)]
     words[0] = str(_first(program, words[0]))
     where, said = f"{program.name}, {about}", work / "said.txt"
-    with said.open("wb") as output:
+    with _keeper(work) as keep:
+        with said.open("wb") as output:
+            try:
+                process = subprocess.Popen(
+                    words,
+                    cwd=program.folder,
+                    stdin=subprocess.DEVNULL,
+                    stdout=output,
+                    stderr=subprocess.STDOUT,
+                    start_new_session=True,
+                    env=variables_of(program.packages),
+                )
+            except OSError as error:
+                raise TestfieldError(f"it cannot be started ({error.strerror})", where, "make it a program") from error
         try:
-            process = subprocess.Popen(
-                words,
-                cwd=program.folder,
-                stdin=subprocess.DEVNULL,
-                stdout=output,
-                stderr=subprocess.STDOUT,
-                start_new_session=True,
-                env=variables_of(program.packages),
-            )
-        except OSError as error:
-            raise TestfieldError(f"it cannot be started ({error.strerror})", where, "make it a program") from error
-    try:
-        _wait(process, program.time_limit_s, work, where)
-    finally:
-        _end(process)
+            keep(process.pid)
+            _wait(process, program.time_limit_s, work, where)
+        finally:
+            _end(process)
     if process.returncode:
         raise Crashed(f"it {_how(process.returncode)}{_own_words(said)}", where, "mend the program")
+
+
+@contextlib.contextmanager
+def _keeper(work: Path) -> Iterator[Callable[[int], None]]:
+    """What is told of a program's group ends it, and removes `work`, if this process ends within the block.
+
+    The kernel's own signal at a parent's death reaches the program alone, and not what it started.
+    """
+    keeper = subprocess.Popen(
+        ["/bin/sh", "-c", KEEPER, "keeper", str(work.absolute())],
+        bufsize=0,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+        cwd="/",
+    )
+    assert keeper.stdin is not None
+    pipe = keeper.stdin
+
+    def keep(group: int) -> None:
+        with contextlib.suppress(BrokenPipeError):  # somebody ended it
+            pipe.write(f"{group}\n".encode())
+
+    try:
+        yield keep
+    finally:
+        keeper.communicate(b"ended\nended\n")  # once more where no program began
 
 
 def _first(program: Program, word: str) -> Path:
@@ -74,11 +110,19 @@ def _wait(process: subprocess.Popen, limit_s: float, work: Path, where: str) -> 
             raise TimedOut(
                 f"it did not end within {limit_s:g} s{_own_words(work / 'said.txt')}", where, "raise time_limit_s"
             )
-        if sum(path.stat().st_size for path in work.iterdir() if path.is_file()) > MOST_BYTES:
+        if _bytes_in(work) > MOST_BYTES:
             raise Crashed(f"it writes more than {MOST_BYTES:,} bytes", where, "write results alone")
         with contextlib.suppress(subprocess.TimeoutExpired):
             process.wait(min(look, max(end - time.monotonic(), 0.001)))
         look = min(2 * look, 0.5)
+
+
+def _bytes_in(work: Path) -> int:
+    size = 0
+    for path in work.iterdir():
+        with contextlib.suppress(FileNotFoundError):  # the program has renamed or removed it since
+            size += path.stat().st_size if path.is_file() else 0
+    return size
 
 
 def _end(process: subprocess.Popen) -> None:
