@@ -113,6 +113,15 @@ def test_a_comparison_without_any_figure_says_why_in_one_sentence(tmp_path: Path
     assert not (tmp_path / "out/report.html").exists()
 
 
+def test_means_of_recipes_are_over_what_all_of_them_gave() -> None:
+    rows = rows_of(recipe=["a", "b", "a", "b"], **{CENTRE.key: [0.01, 0.009, np.nan, 0.5]})
+    rows["draw"] = [1, 1, 2, 2]
+    compared = conclude(rows, ["a", "b"], MATTERS)
+    assert compared.summary[CENTRE.key].tolist() == pytest.approx([0.01, 0.009])
+    ranks = compared.ranks[compared.ranks.figure == CENTRE.title]
+    assert ranks["rank"].tolist() == [2, 1] and ranks.draws.tolist() == [1, 1] and ranks.of_draws.tolist() == [2, 2]
+
+
 def test_failures_are_counted_and_not_dropped() -> None:
     rows = rows_of(recipe=["a", "b", "a", "b"], **{CENTRE.key: [0.01, np.nan, 0.01, 0.02]})
     rows["draw"] = [1, 1, 2, 2]

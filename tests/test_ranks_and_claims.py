@@ -30,6 +30,31 @@ def test_who_gave_no_figures_has_no_place() -> None:
     assert table.recipe.tolist() == ["a", "b"] and table.worst.tolist() == [1, 2]
 
 
+def test_who_fails_where_it_is_hard_gains_no_place() -> None:
+    easy, hard = np.array([1.0, 1.01, 0.99]), np.array([5.0, 5.01, 4.99])
+    table = rank_intervals({"a": [easy, np.full(3, np.nan)], "b": [easy - 0.1, hard]}, 0.001).set_index("recipe")
+    assert table["mean"].tolist() == pytest.approx([1.0, 0.9])
+    assert ((table.best <= table["rank"]) & (table["rank"] <= table.worst)).all()
+    assert table["rank"].to_dict() == {"a": 2, "b": 1}
+    assert set(table.draws) == {3} and set(table.of_draws) == {6}
+
+
+def test_ranks_lie_in_their_intervals_whatever_failed() -> None:
+    rng = np.random.default_rng(12)
+    for _ in range(200):
+        figures = {name: [rng.normal(size=(2, 6)) * 0.1 + rng.integers(0, 3) for _ in range(3)] for name in "abc"}
+        for values in figures.values():
+            for scene in values:
+                scene[rng.random(scene.shape) < 0.3] = np.nan
+        table = rank_intervals(figures, 0.1)
+        assert ((table.best <= table["rank"]) & (table["rank"] <= table.worst)).all()
+
+
+def test_where_no_draw_is_common_to_all_nobody_has_a_place() -> None:
+    figures = {"a": [np.array([1.0, np.nan])], "b": [np.array([np.nan, 2.0])]}
+    assert not len(rank_intervals(figures, 0.1))
+
+
 def test_levels_of_a_factor_are_no_draws() -> None:
     rng, trials = np.random.default_rng(2), 1000
     found = []

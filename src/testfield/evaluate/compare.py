@@ -48,9 +48,9 @@ class Compared:
 
     @property
     def lost_to_broken(self) -> list[str]:
-        """Recipes that err more than what is broken on purpose, which should lose to all."""
+        """Recipes that err more, where they give centres, than what is broken on purpose, which should lose to all."""
         broken = _centre_px(self.sanity, BROKEN).min()
-        return [name for name, own in zip(self.summary.recipe, self.summary[CENTRE.key], strict=True) if own >= broken]
+        return [name for name in self.summary.recipe if _centre_px(self.rows, name).mean() >= broken]
 
     @property
     def ground_um_per_px(self) -> float:
@@ -80,12 +80,13 @@ def conclude(rows: pd.DataFrame, recipes: Sequence[str], matters: Mapping[str, f
         for metric, of in figures.items()
     }
     ranks = [rank_intervals(of, matters[m.unit]).assign(figure=m.title, unit=m.unit) for m, of in figures.items()]
+    ranked = pd.concat(ranks, ignore_index=True) if ranks else pd.DataFrame()
     return Compared(
         rows=rows,
         differences=dict(zip(pooled, together(list(pooled.values())), strict=True)),
         scenes=dict(zip(alone, together(list(alone.values())), strict=True)),
-        summary=pd.DataFrame([_summary(own[own.recipe == name], name) for name in recipes]),
-        ranks=pd.concat(ranks, ignore_index=True) if ranks else pd.DataFrame(),
+        summary=pd.DataFrame([_summary(own[own.recipe == name], name, ranked) for name in recipes]),
+        ranks=ranked,
         bias=bias_table(own, recipes),
         stated=stated_table(own, recipes),
         curves=in_metrics({metric.title: curve(table, recipes) for metric, table in tables.items()}),
@@ -152,19 +153,20 @@ def _kind(rows: pd.DataFrame) -> pd.Series:
     return kinds.where(kinds.notna(), failed(rows).map({True: Kind.REFUSED.value, False: ""}))
 
 
-def _summary(rows: pd.DataFrame, name: str) -> dict[str, Any]:
-    """A recipe's figures over all scenes and draws: means of what there is, medians of times, failures counted by
-    kind."""
+def _summary(rows: pd.DataFrame, name: str, ranks: pd.DataFrame) -> dict[str, Any]:
+    """A recipe's figures over all scenes and draws: means over the draws that count for its rank, in the row's unit;
+    medians of times, failures counted by kind."""
 
     def numbers(key: str) -> pd.Series:
         return pd.to_numeric(rows[key], errors="coerce") if key in rows else pd.Series(np.nan, rows.index)
 
     kinds = _kind(rows)
-    keys = [*(metric.key for metric in METRICS), "detection.found_fraction"]
+    means = ranks[ranks.recipe == name].set_index("figure")["mean"] if len(ranks) else {}
     return (
         {"recipe": name, "cases": len(rows), "failed": int(failed(rows).sum())}
         | {kind.value: int((kinds == kind.value).sum()) for kind in Kind}
-        | {key: float(numbers(key).mean()) for key in keys}
+        | {metric.key: float(means.get(metric.title, np.nan)) / metric.scale for metric in METRICS}
+        | {"detection.found_fraction": float(numbers("detection.found_fraction").mean())}
         | {key: numbers(f"detection.{key}").sum() for key in ("expected", "missed", "wrong_code", "false")}
         | {key: float(numbers(key).median()) for key in TIMES}
     )

@@ -54,6 +54,7 @@ def write_comparison(
         made=made,
         first=names[0],
         shown={name: table.to_dict("records") for name, table in seen.items()},
+        partial=_partial(compared),
         sanity=compared.sanity.to_dict("records"),
         plots=plots,
         scripts=scripts,
@@ -63,6 +64,12 @@ def write_comparison(
     with whole(folder / "report.html") as path:
         write_text(path, html)
     return folder / "report.html"
+
+
+def _partial(compared: Compared) -> list[tuple[str, int, int]]:
+    """Figures whose ranks are over fewer draws than there are figures of: title, draws, of how many."""
+    ranks = compared.ranks.drop_duplicates("figure") if len(compared.ranks) else compared.ranks
+    return [(row.figure, row.draws, row.of_draws) for row in ranks.itertuples() if row.draws < row.of_draws]
 
 
 def _embedded(models: dict[str, Any]) -> tuple[dict[str, Markup], Markup]:

@@ -96,7 +96,8 @@ def shown(tables: Mapping[str, pd.DataFrame]) -> dict[str, pd.DataFrame]:
     differences = {"figure": "figure", "recipe": "recipe", "first": "first", "this": "this"}
     differences |= {"difference": "difference", "low": "from", "high": "to", "verdict": "verdict", "floor": "floor"}
     differences |= {"draws": "draws", "unpaired over paired": "unpaired"}
-    ranks = {name: name for name in ("figure", "recipe", "mean", "floor", "rank", "best", "worst")}
+    ranks = {name: name for name in ("figure", "recipe", "mean", "floor", "rank", "best", "worst", "draws")}
+    ranks |= {"of_draws": "of"}
     counts = {"recipe": "recipe", "cases": "cases", "expected": "targets expected", "missed": "missed"}
     counts |= {"wrong_code": "wrong codes", "false": "false"} | {kind.value: kind.value for kind in Kind}
     times = {"recipe": "recipe", "time_detect_s": "detect, s", "time_calibrate_s": "calibrate, s"}
