@@ -216,6 +216,19 @@ def test_a_file_is_loaded_listed_and_counts_with_what_it_does(tmp_path: Path, ca
     assert code_digest(module) != before
 
 
+def test_a_centroid_that_states_places_alone_finds_the_codes_too(tiny: Run, frame: Frame, tmp_path: Path) -> None:
+    whole, places = "found = star(image_dn, sheet, xy_px, moments_px2)", "xy_px=found.xy_px, ok=found.ok"
+    body = f"from dataclasses import replace; from testfield.detect.centre_star import star; {whole}"
+    seen = {}
+    for name, back in (("whole", "found"), ("bare", f"replace(Centres.empty(len(xy_px)), {places})")):
+        own_file(tmp_path, name, body=f"{body}; return {back}")
+        (tmp_path / f"{name}.toml").write_text(f'load = "{name}_file.py"\n[centroid]\nname = "{name}"\n')
+        seen[name] = detect(frame, tiny.field, Recipe.load(tmp_path / f"{name}.toml")).measured
+    assert (seen["whole"].code > 0).any()
+    assert np.array_equal(seen["bare"].code, seen["whole"].code)
+    assert np.array_equal(seen["bare"].xy_px, seen["whole"].xy_px)
+
+
 SIGNATURES = {
     "too few": ("image_dn, sheet", "cannot be called"),
     "swapped": ("sheet, image_dn, xy_px, moments_px2", "'sheet' where it is given 'image_dn'"),

@@ -1,7 +1,7 @@
 """What every centroid estimator takes and gives, and the windows that they all cut."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -50,6 +50,16 @@ class Centres:
         """Write a part's rows."""
         for name, values in vars(part).items():
             getattr(self, name)[rows] = values
+
+    def completed(self, rough: "Centres") -> "Centres":
+        """The same with the rough moments, contrast and background of every measured dot of which there are none: a
+        dot's size, contrast and ring are read with these."""
+        known = {}
+        for name in ("moments_px2", "contrast_dn", "background_dn"):
+            own = np.asarray(getattr(self, name))
+            absent = self.ok & ~np.isfinite(own).all(axis=tuple(range(1, own.ndim)))
+            known[name] = np.where(absent.reshape(-1, *[1] * (own.ndim - 1)), getattr(rough, name), own)
+        return replace(self, **known)
 
 
 def half_widths(moments_px2: np.ndarray) -> np.ndarray:

@@ -145,11 +145,10 @@ def measure_targets(
         "nowhere near an ellipse": int((~elliptic).sum()),
     }
     xy, moments, cut = xy[elliptic], moments[elliptic], cut[elliptic]
-    if centroid == ROUGH:
-        rows = np.flatnonzero(rough_ok)[elliptic]
-        centres = Centres(**{name: values[rows] for name, values in vars(rough).items()})
-    else:
-        centres = find("centroids", centroid)(image, sheet, xy, moments, **options)
+    rows = np.flatnonzero(rough_ok)[elliptic]
+    centres = Centres(**{name: values[rows] for name, values in vars(rough).items()})
+    if centroid != ROUGH:
+        centres = find("centroids", centroid)(image, sheet, xy, moments, **options).completed(centres)
     n = len(xy)
     status = np.full(n, MEASURED, dtype=object)
     status[~centres.ok] = "no ellipse fits"
