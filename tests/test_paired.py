@@ -68,6 +68,15 @@ def test_what_differs_by_less_than_what_matters_is_equivalent_and_by_as_much_is_
     assert np.mean([word is Word.EQUIVALENT for word in edge]) <= 0.065
 
 
+def test_of_many_that_just_matter_any_is_called_equivalent_in_no_more_than_five_of_a_hundred() -> None:
+    rng = np.random.default_rng(8)
+    wrong = []
+    for _ in range(TRIALS // 2):
+        many = together([difference(*drawn(rng, 1, 12, 1.0), 1.0) for _ in range(12)])
+        wrong.append(any(one.word is Word.EQUIVALENT for one in many))
+    assert np.mean(wrong) <= 0.075
+
+
 def test_common_noise_makes_intervals_several_times_narrower() -> None:
     one = difference(*drawn(np.random.default_rng(7), 1, 400), NEXT_TO_NOTHING)
     assert one.unpaired_u / one.estimate.u == pytest.approx(np.sqrt((1 + 0.09) / 0.09), rel=0.1)

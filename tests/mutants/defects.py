@@ -1033,6 +1033,9 @@ RENDERING = [
 POWER = "tests/test_paired.py::test_a_difference_of_five_in_a_hundred_is_found_as_often_as_theory_says"
 CLUSTERED = "tests/test_paired.py::test_intervals_hold_95_of_a_hundred_where_draws_come_in_scenes"
 OF_MANY = "tests/test_paired.py::test_of_many_equal_ones_any_is_called_different_in_no_more_than_five_of_a_hundred"
+OF_MANY_EQUIVALENT = (
+    "tests/test_paired.py::test_of_many_that_just_matter_any_is_called_equivalent_in_no_more_than_five_of_a_hundred"
+)
 KNOWN = "tests/test_compare.py::test_a_truth_that_errs_or_a_broken_one_that_wins_condemns_the_page"
 COUNTED = "tests/test_compare.py::test_failures_are_counted_and_not_dropped"
 CLAIMS = "tests/test_ranks_and_claims.py::test_true_claims_lie_in_the_band_and_small_ones_above"
@@ -1061,6 +1064,13 @@ COMPARING = [
         "holm(np.array([one.chance for one in differences]))",
         "np.array([one.chance for one in differences])",
         OF_MANY,
+    ),
+    Defect(
+        "many equivalences are judged like one",
+        "together",
+        "holm(np.array([one.chance_equivalent for one in differences]))",
+        "np.array([one.chance_equivalent for one in differences])",
+        OF_MANY_EQUIVALENT,
     ),
     Defect("a truth that errs is believed", "sane", "truth.abs() < 1e-9", "truth.abs() < 1", KNOWN),
     Defect("a failed case is left out", "_summary", "int(failed(rows).sum())", "0", COUNTED),

@@ -82,7 +82,7 @@ def _row(one: Difference, key: str, floor: Floor) -> dict[str, Any]:
         "high": high,
         "matters from": one.matters,
         "p (Holm)": one.chance,
-        "p equivalent": one.chance_equivalent,
+        "p equivalent (Holm)": one.chance_equivalent,
         "verdict": one.word.value,
         "floor": floor.side(metric, one.estimate.value),
         "draws": one.draws,

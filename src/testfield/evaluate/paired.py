@@ -32,8 +32,8 @@ class Word(Enum):
 class Difference:
     """Of a figure of which less is better, the mean `first` and `other`, their difference (other minus first) as an
     `estimate`; `unpaired_u` what its uncertainty would be had each met noise of its own; `matters` the difference from
-    which on it matters; `chance` and `chance_equivalent` the p-values of no difference and of one that matters, the
-    former as it is or adjusted for many; `draws` in which both gave a figure, of `scenes`."""
+    which on it matters; `chance` and `chance_equivalent` the p-values of no difference and of one that matters, as they
+    are or adjusted for many; `draws` in which both gave a figure, of `scenes`."""
 
     first: float
     other: float
@@ -111,7 +111,11 @@ def _levels(first: np.ndarray, other: np.ndarray) -> list[tuple[np.ndarray, np.n
 
 
 def together(differences: Sequence[Difference]) -> list[Difference]:
-    """The same with chances of no difference adjusted for their number (Holm): any false word among all of them comes
-    with no more than `LEVEL`."""
-    adjusted = holm(np.array([one.chance for one in differences]))
-    return [replace(one, chance=float(p)) for one, p in zip(differences, adjusted, strict=True)]
+    """The same with both kinds of chances adjusted for their number (Holm): any false "better" or "worse" among all of
+    them comes with no more than `LEVEL`, and so does any false "equivalent"."""
+    chances = holm(np.array([one.chance for one in differences]))
+    equivalent = holm(np.array([one.chance_equivalent for one in differences]))
+    return [
+        replace(one, chance=float(p), chance_equivalent=float(q))
+        for one, p, q in zip(differences, chances, equivalent, strict=True)
+    ]
