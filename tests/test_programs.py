@@ -488,6 +488,12 @@ CAMERAS = {
         '"cx": 1, "cy": 1, "k1": 0, "k2": 0, "k3": 0, "p1": 0, "p2": 0}}',
         "belong together",
     ),
+    "boards alone": (
+        '{"boards": {"board": {"R": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "t_mm": [0, 0, 0]}}, "interior": '
+        '{"model": "brown", "width_px": 640, "height_px": 512, "fx": 800, "fy": 800, "cx": 320, "cy": 256, '
+        '"k1": 0, "k2": 0, "k3": 0, "p1": 0, "p2": 0}}',
+        "boards without stations",
+    ),
 }
 
 
@@ -500,6 +506,29 @@ def test_a_camera_file_that_cannot_be_is_named_with_the_program(name: str, tiny:
     with pytest.raises(TestfieldError, match=said) as error:
         measure(seen, tiny.field, Recipe.load(tmp_path / "own.toml"))
     assert "cp, " in error.value.sentence() and "camera.json" in error.value.sentence()
+
+
+@pytest.mark.parametrize("kind", ["station", "board"])
+def test_a_pose_that_is_missing_is_named_also_where_the_other_kind_has_that_name(
+    kind: str, tiny: Run, tmp_path: Path
+) -> None:
+    there = tmp_path / "theirs"
+    there.mkdir()
+    seen = Observations.load(tiny.folder / "observations.parquet", tiny.field)
+    own = measure(seen, tiny.field, Recipe()).calibration
+    pose = {"R": np.eye(3).tolist(), "t_mm": [0.0, 0.0, 900.0]}
+    stations = {name: pose for name in own.station_names}
+    boards = {name: pose for name in own.board_names}
+    missing = (own.station_names if kind == "station" else own.board_names)[-1]
+    mine, others = (stations, boards) if kind == "station" else (boards, stations)
+    del mine[missing]
+    mine["another"] = others[missing] = pose
+    camera = {"interior": own.interior.without_modes.to_json(), "stations": stations, "boards": boards}
+    (there / "camera.json").write_text(json.dumps(camera))
+    (tmp_path / "own.toml").write_text('calibrator = { folder = "theirs" }\n')
+    with pytest.raises(TestfieldError, match=f"no pose of {kind} '{missing}'") as error:
+        measure(seen, tiny.field, Recipe.load(tmp_path / "own.toml"))
+    assert f"camera.json, {kind}s" in error.value.sentence()
 
 
 def test_failures_of_programs_are_counted_by_kind_and_spoil_no_comparison(tmp_path: Path) -> None:

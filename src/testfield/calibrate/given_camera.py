@@ -1,10 +1,12 @@
 """A camera that somebody else calibrated: its file, and everything that it does not say, by resection.
 
 The file is JSON: `interior` as in calibration.json, and as far as they are known `labels` with `covariance` of its
-parameters, and the exterior orientations `stations` with the poses of `boards`. Where these are missing, each board in
-each image is resected with the camera as it is given, and images and boards are chained along the strongest tree.
+parameters, and the exterior orientations `stations`, alone or with the poses of `boards`. Where these are missing, each
+board in each image is resected with the camera as it is given, and images and boards are chained along the strongest
+tree.
 """
 
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -98,6 +100,8 @@ def _camera_in(path: Path) -> tuple[Interior, _Camera]:
         raise ValueError("labels and covariance belong together")
     if sheet.labels:
         covariance(sheet.covariance, "covariance", len(sheet.labels))
+    if sheet.boards and not sheet.stations:
+        raise ValueError("boards without stations: give the exterior orientations too, or leave out both")
     return interior, sheet
 
 
@@ -149,24 +153,26 @@ def _with_given(found: Calibration, sheet: _Camera, path: Path) -> Calibration:
     """The same with the exterior orientations that were given in the place of the resected ones.
 
     The datum is the first board that is joined; what is given may be in any other frame. Raises `TestfieldError` where
-    a station or the datum's board is missing.
+    a station is missing, or a board where any are given.
     """
-    stations = [name for name in found.station_names if name in sheet.stations]
-    first = found.board_names[0]
-    if len(stations) < len(found.station_names) or (sheet.boards and first not in sheet.boards):
-        missing = sorted({*found.station_names, *([first] if sheet.boards else [])} - {*sheet.stations, *sheet.boards})
-        raise TestfieldError(
-            f"there is no pose of '{missing[0]}'", f"{path}, stations", "give all stations and boards, or none"
-        )
-    given = _poses([sheet.stations[name] for name in stations])
+    _all_given("station", found.station_names, sheet.stations, path)
+    if sheet.boards:
+        _all_given("board", found.board_names, sheet.boards, path)
+    given = _poses([sheet.stations[name] for name in found.station_names])
     if not sheet.boards:  # told from the first board's frame
         return replace(found, stations=given)
-    boards = _poses([sheet.boards[name] for name in found.board_names if name in sheet.boards])
-    if len(boards) < len(found.board_names):
-        raise TestfieldError("poses of boards are missing", f"{path}, boards", "give all boards, or none")
+    boards = _poses([sheet.boards[name] for name in found.board_names])
     datum = Poses(*(np.repeat(values[:1], len(given), axis=0) for values in (boards.R, boards.t_mm)))
     back = Poses(*(np.repeat(values, len(boards), axis=0) for values in vars(boards[:1].inverse()).values()))
     return replace(found, stations=given.after(datum), boards=back.after(boards))
+
+
+def _all_given(kind: str, wanted: Iterable[str], given: Mapping[str, PoseTable], path: Path) -> None:
+    for name in wanted:
+        if name not in given:
+            raise TestfieldError(
+                f"there is no pose of {kind} '{name}'", f"{path}, {kind}s", f"give all {kind}s, or none"
+            )
 
 
 def _with_residuals(found: Calibration, edges: Edges, rows: Observations, field: Field) -> Calibration:
