@@ -8,6 +8,7 @@ from testfield.evaluate.curves import axis_of, curve
 from testfield.evaluate.paired import Word, difference, mean_of_strata
 from testfield.evaluate.ranks import rank_intervals
 from testfield.evaluate.stated import stated_table
+from testfield.statistics.consistency import nees_band
 
 
 def test_rank_intervals_hold_all_true_places_at_once_in_95_of_a_hundred() -> None:
@@ -111,6 +112,38 @@ def test_true_claims_lie_in_the_band_and_small_ones_above(factor: float, too_sma
         assert (found.held_95_low[of] <= 0.95 <= found.held_95_high[of]) != too_small
         assert (found.held_68_low[of] <= 0.68 <= found.held_68_high[of]) != too_small
     assert found.errors["interior orientation"] == 40
+
+
+def parameters(camera: str, error: float, u: float) -> dict[str, float]:
+    return {f"calibration.{camera}interior_error.fx": error, f"calibration.{camera}interior_u.fx": u}
+
+
+def test_what_is_not_stated_makes_no_band_narrower() -> None:
+    of = {"centre_nees": [1.0, 2.0], "point_nees": [3.0, 2.0], "station": [0, 0]} | parameters("", 1.0, 1.0)
+    none = {"centre_nees": [np.nan] * 2, "point_nees": [np.nan] * 2, "station": [0, 0]} | parameters("", 1.0, np.nan)
+    failed = {"centre_nees": None, "point_nees": None}
+    labels = {"level": -1, "draw": 1, "recipe": "a"}
+    alone = stated_table(pd.DataFrame([{"scene": "s"} | labels | of]), ["a"])
+    some = [("s", of | {"calibration.interior_u.cx": np.nan, "calibration.interior_error.cx": 0.1})]
+    rows = [{"scene": scene} | labels | row for scene, row in [*some, ("t", none), ("u", none), ("v", failed)]]
+    found = stated_table(pd.DataFrame(rows), ["a"])
+    for key in ("anees", "low", "high", "errors"):
+        assert found[key].tolist() == pytest.approx(alone[key].tolist())
+
+
+def test_of_several_cameras_each_counts_and_not_the_worst_alone() -> None:
+    rng, rows = np.random.default_rng(6), []
+    for scene in range(40):
+        errors = rng.normal(size=4)
+        each = [parameters(f"cameras.{k}.", error, 1.0) for k, error in enumerate(errors)]
+        row = {"scene": f"s{scene}", "level": -1, "draw": 1, "recipe": "a"}
+        rows.append(row | parameters("", errors[np.argmax(abs(errors))], 1.0))
+        for one in each:
+            rows[-1] |= one
+    found = stated_table(pd.DataFrame(rows), ["a"]).set_index("of").loc["interior orientation"]
+    assert found.errors == 160 and found.low < found.anees < found.high
+    assert found.held_95_low <= 0.95 <= found.held_95_high
+    assert found.high - found.low == pytest.approx(np.subtract(*nees_band(160)[::-1]))
 
 
 def test_what_states_nothing_has_no_figures() -> None:

@@ -10,7 +10,9 @@ from testfield.statistics.clusters import share_of_clusters
 from testfield.statistics.consistency import nees_band
 
 LEVELS = (0.68, 0.95)
-ERROR, STATED = "calibration.interior_error.", "calibration.interior_u."
+ERROR, STATED = ".interior_error.", ".interior_u."
+ONE, EACH = "calibration", "calibration.cameras."
+"""Where a row holds the figures of its camera, of several those of the worst; and each one's own."""
 
 
 def stated_table(rows: pd.DataFrame, recipes: Iterable[str]) -> pd.DataFrame:
@@ -20,7 +22,8 @@ def stated_table(rows: pd.DataFrame, recipes: Iterable[str]) -> pd.DataFrame:
     nothing is stated.
 
     Centres err by noise of their own. Parameters and points of one scene share its certificates in all draws, so for
-    their band a scene counts once.
+    their band a scene counts once. Of several cameras each one's own parameters count: the worst alone would not be as
+    good as is stated.
     """
     found = []
     for name in recipes:
@@ -61,12 +64,13 @@ def _parts(own: pd.DataFrame) -> dict[str, Part]:
 
 
 def _of_lists(own: pd.DataFrame, column: str, freedom: int, several: bool, by_image: bool) -> Part:
-    squares, clusters = [], []
+    squares, clusters, scenes = [], [], []
     for number, row in enumerate(own.to_dict("records")):
         values = row.get(column)
         if values is None or isinstance(values, float):
             continue
         squares.append(np.asarray(values, float))
+        scenes.append(row["scene"])
         if several:
             names = [row["scene"]] * len(values)
         else:
@@ -74,18 +78,33 @@ def _of_lists(own: pd.DataFrame, column: str, freedom: int, several: bool, by_im
         clusters.append(np.asarray(names, str))
     if not squares:
         return np.zeros(0), freedom, np.zeros(0, str), 0.0
-    together = np.concatenate(squares)
-    independent = len(together) if by_image else len(together) / max(len(squares), 1) * own.scene.nunique()
-    return together, freedom, np.concatenate(clusters), independent
+    stated = pd.Series([np.isfinite(values).sum() for values in squares])
+    independent = stated.sum() if by_image else stated[stated > 0].groupby(np.array(scenes)[stated > 0]).mean().sum()
+    return np.concatenate(squares), freedom, np.concatenate(clusters), float(independent)
 
 
 def _of_parameters(own: pd.DataFrame, several: bool) -> Part:
-    names = [key.removeprefix(STATED) for key in own if str(key).startswith(STATED)]
-    names = [name for name in names if ERROR + name in own]
-    if not names:
+    pairs = _pairs(own)
+    if not pairs:
         return np.zeros(0), 1, np.zeros(0, str), 0.0
-    error, u = (own[[part + name for name in names]].apply(pd.to_numeric, errors="coerce") for part in (ERROR, STATED))
+    error, u = (own[list(names)].apply(pd.to_numeric, errors="coerce") for names in zip(*pairs, strict=True))
     with np.errstate(invalid="ignore", divide="ignore"):
         squares = (error.to_numpy(float) / u.to_numpy(float)) ** 2
-    cluster = np.repeat(own.scene.to_numpy(str) if several else np.arange(len(own)).astype(str), len(names))
-    return squares.ravel(), 1, cluster, len(names) * own.scene.nunique()
+    of_one = np.array([not name.startswith(EACH) for name, _ in pairs])
+    has_several = np.isfinite(squares[:, ~of_one]).any(axis=1)
+    squares[np.ix_(has_several, of_one)] = np.nan
+    # A scene's parameters are in error alike in all of its draws, so each counts once, and only where it is stated.
+    independent = pd.DataFrame(np.isfinite(squares)).groupby(own.scene.to_numpy(str)).any().to_numpy().sum()
+    cluster = np.repeat(own.scene.to_numpy(str) if several else np.arange(len(own)).astype(str), len(pairs))
+    return squares.ravel(), 1, cluster, float(independent)
+
+
+def _pairs(own: pd.DataFrame) -> list[tuple[str, str]]:
+    """Columns of a parameter's error and of its stated uncertainty: of a single camera, and of each of several."""
+    found = [
+        (f"{camera}{ERROR}{name}", key)
+        for key in map(str, own)
+        for camera, name in [key.rsplit(STATED, 1) if STATED in key else (key, "")]
+        if name and (camera == ONE or camera.startswith(EACH))
+    ]
+    return [pair for pair in found if pair[0] in own]
