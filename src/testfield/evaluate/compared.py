@@ -23,6 +23,7 @@ from testfield.score.detection import EXPECTED_PX, DetectionScore, score_detecti
 from testfield.score.points import score_lengths, score_points
 from testfield.score.scorecard import plain
 from testfield.score.several import score_cameras
+from testfield.store.digests import digest
 from testfield.store.memory import peak_memory
 from testfield.store.threads import one_blas_thread
 
@@ -58,10 +59,12 @@ def compared_row(case: Case, run: Run | None) -> list[dict[str, Any]]:
     recipe = case.recipe or recipe_of(run.scene)
     recipe.check(recipe.name)
     frames = _frames(case, run)
-    recipe = recipe_at(recipe, frames)
-    _warm_up(recipe, frames[0], run)
-    with one_blas_thread(), peak_memory() as memory:
-        row = _measured(frames, run, recipe, Until(case.options.get("until", Until.RECONSTRUCT.value)))
+    asked, recipe = recipe, recipe_at(recipe, frames)
+    until = Until(case.options.get("until", Until.RECONSTRUCT.value))
+    with one_blas_thread():
+        _warm_up(asked, frames, run, recipe, until)
+        with peak_memory() as memory:
+            row = _measured(frames, run, recipe, until)
     return [row | ground | {"memory_mb": memory.mb}]
 
 
@@ -138,7 +141,7 @@ def _nothing_found(run: Run, score: DetectionScore | None) -> dict[str, Any]:
 
 
 _kept: tuple[tuple[str, int | None], list[Frame]] | None = None
-_warm: set[tuple[str, str]] = set()
+_warm: set[str] = set()
 
 
 def _frames(case: Case, run: Run) -> list[Frame]:
@@ -151,16 +154,10 @@ def _frames(case: Case, run: Run) -> list[Frame]:
     return _kept[1]
 
 
-def _warm_up(recipe: Recipe, frame: Frame, run: Run) -> None:
-    """Detect once in a frame before anything is timed, where this process has not yet: what is loaded and compiled at
-    first use is nobody's time."""
-    key = (recipe.centroid.name, str(sorted(recipe.centroid.options.items())))
-    if key in _warm:
-        return
-    _warm.add(key)
-    try:
-        detect(frame, run.field, recipe)
-    except MemoryError:
-        raise
-    except Exception:  # it fails again where failures are counted
-        return
+def _warm_up(asked: Recipe, frames: list[Frame], run: Run, recipe: Recipe, until: Until) -> None:
+    """Do all that will be timed once before, where this process has not yet done it by the recipe `asked` for: what is
+    loaded and compiled at first use is nobody's time. What fails fails again where failures are counted."""
+    key = digest(asked, until.value)
+    if key not in _warm:
+        _warm.add(key)
+        _measured(frames, run, recipe, until)
