@@ -43,6 +43,8 @@ LOADED = "TESTFIELD_LOADED"
 F = TypeVar("F", bound=Callable)
 _registered: dict[str, dict[str, Callable]] = {kind: {} for kind in KINDS}
 _known: dict[str, dict[str, Any]] = {kind: {} for kind in KINDS}
+_loading: list[tuple[Path, frozenset[str]]] = []
+"""Of each file that is being loaded, the last one innermost: its folder, and what had been imported before."""
 
 
 def register(kind: str, name: str, **known: Any) -> Callable[[F], F]:
@@ -57,6 +59,9 @@ def register(kind: str, name: str, **known: Any) -> Callable[[F], F]:
     def enter(function: F) -> F:
         if not callable(function):
             raise TestfieldError(f"{KINDS[kind]} '{name}' is a {type(function).__name__}", do="register a function")
+        beside = _file_beside(function.__module__)
+        if beside is not None:
+            function.__module__ = _name_of(beside)
         _refuse_another(kind, name, function.__module__)
         announced.cache_clear()
         _registered[kind][name] = function
@@ -116,11 +121,12 @@ def known_of(kind: str, name: str, what: str) -> Any:
 def load_file(path: Path) -> None:
     """Import a Python file of a user's own, whose decorated functions are known from then on; once a process.
 
-    Processes that this one begins load it too. Modules beside it can be imported by it. Raises `TestfieldError` where
-    there is no such file, or it raises anything.
+    Processes that this one begins load it too. While it is loaded it can import modules beside it, which are its own:
+    another file's module of the same name is another one. Raises `TestfieldError` where there is no such file, or it
+    raises anything.
     """
     path = path.resolve()
-    name = f"{path.stem}_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"
+    name = _name_of(path)
     if name in sys.modules:
         return
     spec = spec_from_file_location(name, path) if path.suffix == ".py" and path.is_file() else None
@@ -128,7 +134,8 @@ def load_file(path: Path) -> None:
         raise TestfieldError("there is no such Python file", str(path), "name a file that ends in .py")
     module = module_from_spec(spec)
     sys.modules[name] = module
-    sys.path.append(str(path.parent))
+    _loading.append((path.parent, frozenset(sys.modules)))
+    sys.path.insert(0, str(path.parent))
     try:
         spec.loader.exec_module(module)
     except BaseException as error:
@@ -138,6 +145,8 @@ def load_file(path: Path) -> None:
         raise TestfieldError(f"it cannot be imported ({said_of(error)})", str(path), "mend it") from error
     finally:
         sys.path.remove(str(path.parent))
+        _set_aside()
+        _loading.pop()
     files = [file for file in os.environ.get(LOADED, "").split(os.pathsep) if file]
     os.environ[LOADED] = os.pathsep.join(dict.fromkeys([*files, str(path)]))
 
@@ -145,6 +154,32 @@ def load_file(path: Path) -> None:
 def said_of(error: BaseException) -> str:
     """What an error of somebody else's code says, on one line."""
     return " ".join(f"{type(error).__name__}: {error}".split())[:200]
+
+
+def _name_of(path: Path) -> str:
+    """The name of a loaded file as a module, which no other file has."""
+    return f"{path.stem}_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"
+
+
+def _file_beside(module: str) -> Path | None:
+    """The file of a module that the file being loaded has imported from beside it; None of any other module."""
+    first = module.partition(".")[0]
+    if not _loading or first in _loading[-1][1]:
+        return None
+    folder, found = _loading[-1][0], sys.modules.get(module)
+    file = getattr(found, "__file__", None) or next(iter(getattr(found, "__path__", ())), None)
+    if file is None or not Path(file).is_relative_to(folder):
+        return None
+    # Of a package that lies deeper, as in a virtual environment in this folder, the first part has another name.
+    return Path(file) if Path(file).relative_to(folder).parts[0].partition(".")[0] == first else None
+
+
+def _set_aside() -> None:
+    """Give the modules from beside the loaded file names that no other file's have: the next one may import its own."""
+    found = {module: _file_beside(module) for module in list(sys.modules)}
+    for module, file in found.items():
+        if file is not None:
+            sys.modules[_name_of(file)] = sys.modules.pop(module)
 
 
 @cache

@@ -64,10 +64,10 @@ def _look(source: bytes) -> list[Any]:
 def sources(modules: tuple[str, ...], without: tuple[str, ...] = ()) -> set[Path]:
     """The files behind some modules and behind everything of this package that they import, but packages `without`."""
     found: set[Path] = set()
-    queue = list(modules)
+    queue: list[str | Path] = list(modules)
     while queue:
-        name = queue.pop()
-        path = None if name.startswith(without) else _file(name)
+        one = queue.pop()
+        path = one if isinstance(one, Path) else None if one.startswith(without) else _file(one)
         if path is None or path in found:
             continue
         found.add(path)
@@ -75,10 +75,16 @@ def sources(modules: tuple[str, ...], without: tuple[str, ...] = ()) -> set[Path
             found |= {
                 other for other in path.parent.iterdir() if other.is_file() and other.suffix not in (".py", ".md")
             }
-        known = {OWN, name.split(".")[0]}
-        if ROOT not in path.parents and not (path.parent / "__init__.py").is_file():
-            known |= {beside.stem for beside in path.parent.glob("*.py")}  # a file of a user's own, that was loaded
-        queue += [other for other in imports(path) if other.split(".")[0] in known]
+        known = {OWN, *([one.split(".")[0]] if isinstance(one, str) else [])}
+        # A file of a user's own, that was loaded, imports from its own folder, whatever else has the same name.
+        alone = ROOT not in path.parents and not (path.parent / "__init__.py").is_file()
+        for other in imports(path):
+            first = other.split(".")[0]
+            beside = path.parent / f"{first}.py"
+            if alone and beside.is_file():
+                queue.append(beside)
+            elif first in known:
+                queue.append(other)
     return found
 
 
