@@ -1,5 +1,6 @@
 """One case of a comparison: what is measured of a recipe, however far it comes."""
 
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -18,6 +19,8 @@ from testfield.evaluate.case import Case
 from testfield.evaluate.compared import BROKEN, SHIFT_PX, TRUTH, compared_row
 from testfield.evaluate.failures import FAILURE, KIND, STAGE
 from testfield.evaluate.metrics import CENTRE, CORNER, POINTS
+from testfield.measure.outside import Program
+from testfield.measure.programs import run_program
 from testfield.measure.recipe import Algorithm, Recipe
 from testfield.store.memory import peak_memory
 
@@ -143,6 +146,23 @@ def test_memory_is_what_was_taken_and_given_back_within() -> None:
     with peak_memory() as large:
         np.ones(20_000_000).sum()
     assert 150 < large.mb < 220 and small.mb < 20
+
+
+def test_memory_of_a_program_is_its_own_however_large_we_are_and_others_were(tmp_path: Path) -> None:
+    held = np.ones(50_000_000)
+    (tmp_path / "large.py").write_text("import time\nheld = b'1' * 200_000_000\ntime.sleep(1.5)\n")
+    work = tmp_path / "work"
+    work.mkdir()
+
+    def mb_of(command: str) -> float:
+        with peak_memory() as peak:
+            run_program(Program(command, tmp_path), {}, work, "here")
+        return peak.mb
+
+    large = [mb_of(f"{sys.executable} large.py") for _ in range(2)]
+    inside = mb_of(f"/bin/sh -c '{sys.executable} large.py; true'")
+    small = mb_of("sleep 0.2")
+    assert all(190 < mb < 260 for mb in (*large, inside)) and small < 20 and held.all()
 
 
 @pytest.mark.parametrize("scene", ["charuco", "camera_cell"])

@@ -16,6 +16,7 @@ from testfield.errors import TestfieldError
 from testfield.measure.blame import Crashed, TimedOut
 from testfield.measure.environment import python_of, variables_of
 from testfield.measure.outside import Program, is_python, program_of
+from testfield.store.memory import look_at
 
 MOST_BYTES = 256 * 1024 * 1024
 """Of all that a program writes at once."""
@@ -106,6 +107,7 @@ def _wait(process: subprocess.Popen, limit_s: float, work: Path, where: str) -> 
     end = time.monotonic() + limit_s
     look = LOOK_S
     while process.poll() is None:
+        look_at(process.pid)
         if time.monotonic() > end:
             raise TimedOut(
                 f"it did not end within {limit_s:g} s{_own_words(work / 'said.txt')}", where, "raise time_limit_s"
