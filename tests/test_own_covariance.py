@@ -12,12 +12,14 @@ import pytest
 from conftest import SCENES
 
 from testfield.calibrate.calibration import Calibration
+from testfield.calibrate.given_camera import _camera_in
 from testfield.chain.run import Run
 from testfield.cli.main import main
 from testfield.detect.observations import Observations
 from testfield.errors import TestfieldError
 from testfield.measure.pipeline import Measured, measure
 from testfield.measure.recipe import Algorithm, Recipe
+from testfield.measure.stated import taken_calibration, taken_points
 from testfield.reconstruct.gls import gls
 from testfield.reconstruct.points import Points
 from testfield.registry import _registered, register
@@ -27,6 +29,7 @@ from testfield.scene.truth import Views, see
 from testfield.scene.world import World
 from testfield.score.scorecard import load_scorecard, plain, score_measured
 from testfield.simulate.observations import draw_observations
+from testfield.store.sheets import covariance
 
 NOTHING: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "zeros": np.zeros_like,
@@ -201,3 +204,46 @@ def test_a_run_goes_on_with_observations_in_csv_that_state_nothing(
         capsys.readouterr()
         assert main(command) == 2
         assert "no covariance" in capsys.readouterr().err
+
+
+def test_a_camera_that_states_a_singular_covariance_is_judged_by_its_rank(drawn: tuple, whole: Measured) -> None:
+    world, views, seen = drawn
+    s, true = 0.25, world.interior
+    off = 3 * np.sqrt(s) * np.isin(true.names, ("fx", "fy"))  # both lengths three standard uncertainties too large
+    stated = replace(
+        whole.calibration,
+        interior=replace(true, parameters=true.parameters + off),
+        labels=("fx", "fy"),
+        covariance=np.full((2, 2), s),
+    )
+    card = plain(score_measured(world, views, seen, stated, whole.points))
+    assert card["calibration"]["interior_anees"] == pytest.approx(9)
+    assert card["calibration"]["imaging_anees"] == pytest.approx(9, rel=0.01)
+
+
+INDEFINITE = np.array([[1.0, 2.0], [2.0, 1.0]])
+
+
+def test_a_covariance_with_a_negative_eigenvalue_is_refused_by_file_and_field(whole: Measured, tmp_path: Path) -> None:
+    known = replace(whole.calibration, labels=("fx", "fy"), covariance=INDEFINITE)
+    known.save(tmp_path / "calibration.json")
+    (tmp_path / "camera.json").write_text(
+        json.dumps(
+            {"interior": known.interior.to_json(), "labels": ["fx", "fy"], "covariance": INDEFINITE.tolist()},
+        )
+    )
+    for name, read in (("calibration.json", Calibration.load), ("camera.json", _camera_in)):
+        with pytest.raises(TestfieldError, match=rf"{name}.*covariance is no covariance.*semidefinite"):
+            read(tmp_path / name)
+    with pytest.raises(TestfieldError, match=r"covariance of 'mine'.*semidefinite"):
+        taken_calibration(known, "mine")
+    bad = whole.points.cov_xyz_mm2.copy()
+    bad[0, 1] = bad[1, 0] = 2 * np.sqrt(bad[0, 0] * bad[1, 1])
+    with pytest.raises(TestfieldError, match=r"'mine'.*semidefinite"):
+        taken_points(replace(whole.points, cov_xyz_mm2=bad), "mine")
+
+
+def test_a_covariance_of_rounded_numbers_is_taken(whole: Measured) -> None:
+    for stated in (whole.calibration.covariance, whole.points.cov_xyz_mm2, np.full((2, 2), 0.1) * [[1, -1], [-1, 1]]):
+        rounded = np.vectorize(lambda value: float(f"{value:.9g}"))(stated)
+        assert np.array_equal(covariance(rounded, "covariance", len(rounded)), rounded)

@@ -11,6 +11,7 @@ from testfield.scene.world import World
 from testfield.score.camera import interior_difference
 from testfield.score.detection import DetectionScore
 from testfield.score.points import PointScore
+from testfield.statistics.consistency import chi_squared
 
 LISTS = (
     *("station", "mark", "dx_px", "dy_px", "x_px", "y_px", "centre_nees", "missed_station", "missed_mark"),
@@ -79,7 +80,4 @@ def ground_mm(world: World, views: Views) -> float:
 
 
 def _nees(error: np.ndarray, cov: np.ndarray) -> float:
-    try:
-        return float(error @ np.linalg.solve(cov, error))
-    except np.linalg.LinAlgError:  # nothing, or nothing of use, is stated
-        return float("nan")
+    return chi_squared(error, cov)[0] if np.isfinite(cov).all() else float("nan")

@@ -12,6 +12,7 @@ from testfield.calibrate.calibration import Calibration
 from testfield.detect.observations import Observations
 from testfield.errors import TestfieldError
 from testfield.reconstruct.points import Points
+from testfield.store.sheets import semidefinite
 
 
 def taken_observations(found: object, name: str) -> Observations:
@@ -38,6 +39,8 @@ def taken_calibration(found: object, name: str) -> Calibration:
             raise TestfieldError(f"{what} of '{name}' is not finite", "calibrator", "look at the observations it had")
     cov, unknowns = np.asarray(found.covariance, float), len(found.labels)
     said = cov.shape == (unknowns, unknowns) and np.isfinite(cov).all() and (np.diag(cov) >= 0).all() and cov.any()
+    if said and not semidefinite(cov):
+        raise _not_semidefinite("covariance", name, "calibrator")
     if unknowns and not said:
         return replace(found, covariance=np.zeros((0, 0)), labels=())
     if not unknowns and cov.shape != (0, 0):
@@ -66,8 +69,16 @@ def taken_points(found: object, name: str) -> Points:
             f"'{name}' gives positions of shape {np.shape(found.xyz_mm)} of {n} codes", "reconstructor", "give (n, 3)"
         )
     if cov.shape == (3 * n, 3 * n) and cov.any() and (not n or not np.isnan(cov).all()):
+        if np.isfinite(cov).all() and not ((np.diag(cov) >= 0).all() and semidefinite(cov)):
+            raise _not_semidefinite("cov_xyz_mm2", name, "reconstructor")
         return found
     return replace(found, cov_xyz_mm2=np.full((3 * n, 3 * n), np.nan))
+
+
+def _not_semidefinite(field: str, name: str, where: str) -> TestfieldError:
+    return TestfieldError(
+        f"{field} of '{name}' is no covariance: it is not positive semidefinite", where, "state one, or leave it out"
+    )
 
 
 def _no(found: object, wanted: str, name: str) -> TestfieldError:

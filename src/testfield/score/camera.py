@@ -7,8 +7,11 @@ from testfield.camera.interior import Interior
 from testfield.camera.pose import Poses, cross_matrix, nearest_rotation, rotation, rotation_vector
 from testfield.camera.project import camera_jacobian, directions, project_camera
 from testfield.scene.world import World
+from testfield.statistics.consistency import chi_squared, nees
 
 GRID = (13, 11)
+KNOWN = 1e-9
+"""Variances below this part of the larger one at a place are zero: the covariance says nothing along that axis."""
 TURNS = 3
 """Steps in which the rotation is found that two cameras may differ by."""
 
@@ -32,7 +35,8 @@ def interior_difference(true: Interior, found: Interior, uv_px: np.ndarray) -> n
 
 def imaging_score(true: Interior, calibration: Calibration) -> dict:
     """The found camera against the true one where there are data: `imaging_error_px` and `imaging_u_px`, stated, both
-    root mean squares over the places, and `imaging_anees`, the mean over the places of e^T C^-1 e / 2.
+    root mean squares over the places, and `imaging_anees`, the sum over the places of e^T C^+ e over that of C's ranks
+    (2 each, unless fewer than two parameters are told apart there).
 
     A place is a pixel of the true camera: one observation in each cell of a grid over the image that has any. Its ray
     is imaged by the found camera, smooth field included, with the covariance of that camera's parameters. A turn of the
@@ -58,11 +62,13 @@ def imaging_score(true: Interior, calibration: Calibration) -> dict:
     error, flat, index = S @ (uv - at).ravel(), (S @ flat).reshape(len(at), 2, len(names)), calibration.index(names)
     covariance = flat @ calibration.covariance[np.ix_(index, index)] @ np.swapaxes(flat, 1, 2)
     error = error.reshape(len(at), 2)
-    nees = np.einsum("ni,nij,nj->n", error, np.linalg.pinv(covariance, rcond=1e-9, hermitian=True), error) / 2
+    squares = np.einsum("ni,nij,nj->n", error, np.linalg.pinv(covariance, rcond=KNOWN, hermitian=True), error)
+    variances = np.linalg.eigvalsh(covariance)
+    freedom = int((variances > KNOWN * variances[:, -1:]).sum())
     return {
         "imaging_error_px": float(np.sqrt((error**2).sum(axis=1).mean())),
         "imaging_u_px": float(np.sqrt(np.trace(covariance, axis1=1, axis2=2).mean())),
-        "imaging_anees": float(nees.mean()),
+        "imaging_anees": float(squares.sum()) / freedom if freedom else None,
     }
 
 
@@ -102,7 +108,7 @@ def score_camera(world: World, calibration: Calibration) -> dict:
     )
     index = calibration.index(free)
     covariance = calibration.covariance[np.ix_(index, index)]
-    anees = float(error @ np.linalg.solve(covariance, error) / len(error)) if free else None
+    anees = nees(error, covariance) if free else None
     inset = world.interior.corners_px
     corners = interior_difference(world.interior, calibration.interior, inset)
     size = np.linalg.norm(corners, axis=1)
@@ -140,7 +146,7 @@ def score_boards(world: World, calibration: Calibration) -> dict:
         unknowns = [f"board:{name}.{axis}" for axis in ("rx", "ry", "rz", "tx", "ty", "tz")]
         if calibration.states(unknowns):
             index = calibration.index(unknowns)
-            squares.append(error @ np.linalg.solve(calibration.covariance[np.ix_(index, index)], error))
+            squares.append(chi_squared(error, calibration.covariance[np.ix_(index, index)]))
         turns.append(np.linalg.norm(turn))
         moves.append(np.linalg.norm(error[3:]))
     return {
@@ -150,6 +156,6 @@ def score_boards(world: World, calibration: Calibration) -> dict:
         "mark_shift_rms_mm": np.sqrt(shifts).tolist(),
         "translation_error_mm": [float(v) for v in moves],
         "rotation_error_mrad": [1e3 * float(v) for v in turns],
-        "anees": float(np.mean(squares) / 6) if squares else float("nan"),
+        "anees": float(np.divide(*np.sum(squares, axis=0))) if squares else float("nan"),
         "graph": [list(edge) for edge in calibration.graph],
     }

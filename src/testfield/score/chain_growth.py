@@ -8,6 +8,7 @@ from testfield.calibrate.calibration import Calibration
 from testfield.camera.pose import rotation_vector
 from testfield.scene.world import World
 from testfield.score.camera import true_in_datum
+from testfield.statistics.consistency import nees
 
 
 def grown(links: np.ndarray, shift: float, turn: float, pitch: float, shared: float = 0.0) -> np.ndarray:
@@ -48,13 +49,13 @@ def chain_errors(world: World, calibration: Calibration) -> ChainErrors:
     """Errors of the boards of a chain along x that faces -y, in the order of their names."""
     datum, true = true_in_datum(world, calibration.board_names)
     found, to_world = calibration.boards, datum.R[0]
-    place, u, nees = [], [], []
+    place, u, each = [], [], []
     for b, name in enumerate(calibration.board_names[1:], 1):
         turn = rotation_vector((found.R[b] @ true.R[b].T)[None])[0]
         error = np.concatenate([turn, found.t_mm[b] - true.t_mm[b]])
         index = calibration.index([f"board:{name}.{axis}" for axis in ("rx", "ry", "rz", "tx", "ty", "tz")])
         covariance = calibration.covariance[np.ix_(index, index)]
-        nees.append(float(error @ np.linalg.solve(covariance, error)) / 6)
+        each.append(nees(error, covariance))
         place.append(to_world @ error[3:])
         u.append(np.sqrt(np.diag(to_world @ covariance[3:, 3:] @ to_world.T)))
     shift, turns = [], []
@@ -71,7 +72,7 @@ def chain_errors(world: World, calibration: Calibration) -> ChainErrors:
     return ChainErrors(
         np.array(place) * [1, -1, 1],
         np.array(u),
-        np.array(nees),
+        np.array(each),
         shifts[:, 1:] * [-1, 1],
         np.column_stack([-turned[:, 2], -turned[:, 1]]),
     )

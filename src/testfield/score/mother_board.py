@@ -8,6 +8,7 @@ from testfield.scene.world import World
 from testfield.score.align import rigid_fit
 from testfield.score.camera import true_in_datum
 from testfield.score.flatness import flatness
+from testfield.statistics.consistency import chi_squared
 
 
 def mother_scores(world: World, calibration: Calibration) -> dict[str, float]:
@@ -57,4 +58,4 @@ def coplanarity(calibration: Calibration) -> tuple[float, int]:
     # A small turn (x, y) brings the first board's normal to (y, -x, 1).
     off = np.column_stack([-normal[:, 1], normal[:, 0], calibration.boards.t_mm[1:, 2]]).ravel()
     covariance = calibration.covariance[np.ix_(index, index)]
-    return float(off @ np.linalg.pinv(covariance, hermitian=True) @ off), len(off)
+    return chi_squared(off, covariance)

@@ -11,6 +11,10 @@ from testfield.reconstruct.points import Points
 from testfield.scene.world import BAR, CHECK, World
 from testfield.score.align import aligned_covariance, rigid_basis, rigid_fit
 from testfield.score.camera import true_in_datum
+from testfield.statistics.consistency import nees
+
+KNOWN = 1e-10
+"""Variances below this part of the largest are zero: a fit, or whoever states them, leaves nothing there."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +89,7 @@ def score_points(world: World, calibration: Calibration, points: Points) -> Poin
     fitted, anees, anees_fitted = error, float("nan"), float("nan")
     stated = points.states_u
     if len(rows) and not free and stated:
-        anees = float(error.ravel() @ np.linalg.solve(covariance, error.ravel()) / error.size)
+        anees = nees(error.ravel(), covariance)
     if len(rows) >= 3:
         R, t = rigid_fit(points.xyz_mm[rows], true)
         fitted = points.xyz_mm[rows] @ R.T + t - true
@@ -95,8 +99,10 @@ def score_points(world: World, calibration: Calibration, points: Points) -> Poin
         reduced = aligned_covariance(covariance_there, true)
         freedom = error.size - rigid_basis(true).shape[1]
         if stated:
-            inverse = np.linalg.pinv(reduced, rcond=1e-10, hermitian=True)
-            anees_fitted = float(fitted.ravel() @ inverse @ fitted.ravel() / freedom)
+            inverse = np.linalg.pinv(reduced, rcond=KNOWN, hermitian=True)
+            variances = np.linalg.eigvalsh(reduced)
+            freedom = min(freedom, int((variances > KNOWN * variances[-1]).sum()))
+            anees_fitted = float(fitted.ravel() @ inverse @ fitted.ravel() / freedom) if freedom else float("nan")
         if free:
             error, covariance = fitted, reduced
     return PointScore(

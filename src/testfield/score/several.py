@@ -11,6 +11,7 @@ from testfield.scene.camera_parts import RigPart
 from testfield.scene.parts import relative_poses
 from testfield.scene.world import World
 from testfield.score.camera import score_camera
+from testfield.statistics.consistency import nees
 
 OF_ONE = (
     "corner_error_px",
@@ -59,7 +60,7 @@ def score_rigs(rigs: tuple[RigPart, ...], calibration: Calibration) -> list[dict
                 "u_rotation_mrad": float(1e3 * np.linalg.norm(u[:3])),
                 "translation_error_mm": float(np.linalg.norm(error[3:])),
                 "u_translation_mm": float(np.linalg.norm(u[3:])),
-                "anees": float(error @ np.linalg.solve(cov, error) / 6),
+                "anees": nees(error, cov),
             }
         )
     return found

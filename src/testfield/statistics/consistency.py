@@ -90,6 +90,25 @@ def decorrelated(error: np.ndarray, cov: np.ndarray) -> np.ndarray:
     return axes[:, known].T @ error / np.sqrt(variance[known])
 
 
+def chi_squared(error: np.ndarray, cov: np.ndarray) -> tuple[float, int]:
+    """e^T C^+ e of errors (n,) by their stated covariance (n, n), in whatever units, and its degrees of freedom: the
+    rank of C. A singular covariance says nothing along the axes that it leaves out."""
+    if not len(error):
+        return 0.0, 0
+    size = np.sqrt(np.diag(cov))
+    size = np.where(size > 0, size, 1.0)
+    z = decorrelated(error / size, cov / np.outer(size, size))
+    return float(z @ z), len(z)
+
+
+def nees(error: np.ndarray, cov: np.ndarray) -> float:
+    """`chi_squared` over its degrees of freedom, NaN of nothing stated: 1 on average where the claim is true."""
+    if not (np.isfinite(cov).all() and np.isfinite(error).all()):
+        return float("nan")
+    value, freedom = chi_squared(error, cov)
+    return value / freedom if freedom else float("nan")
+
+
 def pit_uniformity(z: np.ndarray) -> tuple[float, float]:
     """Largest distance of the probability integral transform of z (n,) from uniform, and how often independent
     standard normal values give one as large (Kolmogorov and Smirnov)."""

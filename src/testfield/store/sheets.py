@@ -22,6 +22,8 @@ Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Count = Annotated[int, Field(ge=0, le=2**53)]
 Code = Annotated[int, Field(ge=-(2**53), le=2**53)]
 LARGEST_MM = 1e9
+ROUNDING = 1e-6
+"""Part by which numbers of a covariance may differ from exact ones, since files round them."""
 
 
 class Sheet(BaseModel):
@@ -79,11 +81,25 @@ def array(value: Any, name: str, *shape: int | None, kind: type = float) -> np.n
 
 
 def covariance(value: Any, name: str, size: int) -> np.ndarray:
-    """A covariance (size, size): finite, symmetric, with variances of zero or more."""
+    """A covariance (size, size): finite, symmetric, positive semidefinite to rounding."""
     found = array(value, name, size, size)
-    if size and (np.diag(found).min() < 0 or np.abs(found - found.T).max() > 1e-6 * np.abs(found).max()):
+    if size and (np.diag(found).min() < 0 or np.abs(found - found.T).max() > ROUNDING * np.abs(found).max()):
         raise ValueError(f"{name} is no covariance")
+    if not semidefinite(found):
+        raise ValueError(f"{name} is no covariance: it is not positive semidefinite")
     return found
+
+
+def semidefinite(symmetric: np.ndarray) -> bool:
+    """Whether a finite symmetric matrix (n, n) with a diagonal of zero or more has no negative eigenvalue beyond the
+    rounding of numbers in a file, each unknown in units of its own uncertainty."""
+    size = np.sqrt(np.diag(symmetric))
+    size = np.where(size > 0, size, 1.0)
+    try:
+        np.linalg.cholesky(symmetric / size[:, None] / size + ROUNDING * np.eye(len(size)))
+    except np.linalg.LinAlgError:
+        return False
+    return True
 
 
 def unique(names: Any, what: str) -> None:
