@@ -9,7 +9,7 @@ from scipy.stats import chi2
 from testfield.calibrate.calibration import Calibration
 from testfield.reconstruct.points import Points
 from testfield.scene.world import BAR, CHECK, World
-from testfield.score.align import aligned_covariance, rigid_basis, rigid_fit
+from testfield.score.align import aligned_covariance, rigid_fit
 from testfield.score.camera import true_in_datum
 from testfield.statistics.consistency import nees
 
@@ -97,11 +97,10 @@ def score_points(world: World, calibration: Calibration, points: Points) -> Poin
         turn = np.kron(np.eye(len(rows)), R)
         covariance_there = turn @ covariance @ turn.T
         reduced = aligned_covariance(covariance_there, true)
-        freedom = error.size - rigid_basis(true).shape[1]
         if stated:
             inverse = np.linalg.pinv(reduced, rcond=KNOWN, hermitian=True)
             variances = np.linalg.eigvalsh(reduced)
-            freedom = min(freedom, int((variances > KNOWN * variances[-1]).sum()))
+            freedom = int((variances > KNOWN * variances[-1]).sum())
             anees_fitted = float(fitted.ravel() @ inverse @ fitted.ravel() / freedom) if freedom else float("nan")
         if free:
             error, covariance = fitted, reduced
