@@ -17,6 +17,7 @@ from testfield.chain.run import Run
 from testfield.cli.main import main
 from testfield.detect.observations import Observations
 from testfield.errors import TestfieldError
+from testfield.evaluate.compared_columns import _nees
 from testfield.measure.pipeline import Measured, measure
 from testfield.measure.recipe import Algorithm, Recipe
 from testfield.measure.stated import taken_calibration, taken_points
@@ -219,6 +220,13 @@ def test_a_camera_that_states_a_singular_covariance_is_judged_by_its_rank(drawn:
     card = plain(score_measured(world, views, seen, stated, whole.points))
     assert card["calibration"]["interior_anees"] == pytest.approx(9)
     assert card["calibration"]["imaging_anees"] == pytest.approx(9, rel=0.01)
+
+
+def test_a_point_that_states_a_singular_covariance_is_in_no_figure_of_three_degrees_of_freedom() -> None:
+    error = np.array([1.0, 1.0, 2.0])
+    assert _nees(error, np.diag([1.0, 1.0, 4.0])) == pytest.approx(3)
+    for none in (np.ones((3, 3)), np.full((3, 3), np.nan)):
+        assert np.isnan(_nees(error, none))
 
 
 INDEFINITE = np.array([[1.0, 2.0], [2.0, 1.0]])

@@ -80,4 +80,5 @@ def ground_mm(world: World, views: Views) -> float:
 
 
 def _nees(error: np.ndarray, cov: np.ndarray) -> float:
-    return chi_squared(error, cov)[0] if np.isfinite(cov).all() else float("nan")
+    value, freedom = chi_squared(error, cov) if np.isfinite(cov).all() else (0.0, 0)
+    return value if freedom == len(error) else float("nan")  # a column has one number of degrees of freedom
