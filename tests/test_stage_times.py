@@ -23,10 +23,10 @@ MADE = {
     "report": "report.html",
 }
 USUAL = {
-    "render": 3.4,
+    "render": 2.7,
     "expose": 3.0,
-    "detect": 34.0,
-    "calibrate": 7.8,
+    "detect": 6.4,
+    "calibrate": 4.4,
     "reconstruct": 0.33,
     "score": 0.3,
     "report": 9.8,
