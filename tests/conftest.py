@@ -3,11 +3,13 @@
 import fcntl
 import os
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from hand_made import HandMade, hand_made
 
+from testfield import registry
 from testfield.chain.run import Run, begin, resume
 from testfield.chain.stages import STAGES, run_stage
 
@@ -47,3 +49,16 @@ def finished(scene: Path, factory: pytest.TempPathFactory, jobs: int) -> Run:
 def by_hand() -> HandMade:
     """A field whose errors are known by hand. Read it, do not change it."""
     return hand_made()
+
+
+@pytest.fixture
+def forget_ones_own() -> Iterator[None]:
+    """What a test registers or loads of its own is gone after it, and nothing loaded before is told to workers."""
+    before = os.environ.pop(registry.LOADED, None)
+    yield
+    for entered in registry._registered.values():
+        for name in [name for name, own in entered.items() if not own.__module__.startswith("testfield.")]:
+            del entered[name]
+    os.environ.pop(registry.LOADED, None)
+    if before is not None:
+        os.environ[registry.LOADED] = before

@@ -87,3 +87,8 @@ def test_a_lamp_in_view_makes_nothing_else_coarser() -> None:
     crossed = np.abs(np.indices(SHAPE)[1] - 240.5) < 2
     found, true, _ = seen(light, crossed)
     assert np.abs(found - true)[~crossed & (true < 2)].max() < 2 * BOW
+
+
+def test_where_edges_are_everywhere_no_ray_is_cast() -> None:
+    found, _, rays = seen(lambda row, column: 1 + row, np.ones(SHAPE, bool))
+    assert rays == 0 and not found.any()

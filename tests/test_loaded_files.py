@@ -1,8 +1,6 @@
 """Files of a user's own that are loaded by path: each has the modules that lie beside it, and no others."""
 
-import os
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -30,16 +28,7 @@ def {name}(image_dn, sheet, xy_px, moments_px2):
 """
 
 
-@pytest.fixture(autouse=True)
-def forget() -> Iterator[None]:
-    before = os.environ.pop(registry.LOADED, None)
-    yield
-    for entered in registry._registered.values():
-        for name in [name for name, own in entered.items() if not own.__module__.startswith("testfield.")]:
-            del entered[name]
-    os.environ.pop(registry.LOADED, None)
-    if before is not None:
-        os.environ[registry.LOADED] = before
+pytestmark = pytest.mark.usefixtures("forget_ones_own")
 
 
 def version(folder: Path, name: str, gain: int) -> Path:

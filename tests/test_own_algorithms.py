@@ -1,11 +1,9 @@
 """The page on algorithms of one's own: each of its examples runs, and the three ways lead into one comparison."""
 
-import os
 import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +12,6 @@ import pytest
 from conftest import TINY
 
 import testfield
-from testfield import registry
 from testfield.camera.images import Frame
 from testfield.chain.run import Run
 from testfield.cli.main import main
@@ -33,13 +30,7 @@ def blocks(kind: str) -> list[str]:
     return re.findall(rf"```{kind}\n(.*?)```", PAGE, re.S)
 
 
-@pytest.fixture(autouse=True)
-def forget() -> Iterator[None]:
-    yield
-    os.environ.pop(registry.LOADED, None)
-    for entered in registry._registered.values():
-        for name in [name for name, own in entered.items() if not own.__module__.startswith("testfield.")]:
-            del entered[name]
+pytestmark = pytest.mark.usefixtures("forget_ones_own")
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,6 @@ import os
 import stat
 import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -28,16 +27,7 @@ HEAD = "x_px,y_px,code,board,point\n"
 CRASH = "echo reading; echo 'cannot read: no PNG' >&2; exit 3"
 
 
-@pytest.fixture(autouse=True)
-def forget() -> Iterator[None]:
-    before = os.environ.pop(registry.LOADED, None)
-    yield
-    for entered in registry._registered.values():
-        for name in [name for name, own in entered.items() if not own.__module__.startswith("testfield.")]:
-            del entered[name]
-    os.environ.pop(registry.LOADED, None)
-    if before is not None:
-        os.environ[registry.LOADED] = before
+pytestmark = pytest.mark.usefixtures("forget_ones_own")
 
 
 @pytest.fixture(scope="module")

@@ -978,7 +978,7 @@ RENDERING = [
     Defect(
         "light is carried across an edge between rays",
         "smooth_pixels",
-        "_even(nodes) & ~__crossed__",
+        "_even(nodes) & free",
         "_even(nodes)",
         f"{LATTICE}::test_nothing_is_carried_across_what_an_edge_crosses",
     ),

@@ -25,9 +25,10 @@ def smooth_pixels(seen: Callable[[np.ndarray, np.ndarray], np.ndarray], crossed:
     values = np.zeros(crossed.shape, np.float32)
     rows, columns = (np.arange(0, size, STEP_PX) for size in crossed.shape)
     own = ~crossed
-    if len(rows) > 2 and len(columns) > 2:
+    free = ~_any_within(crossed)[: len(rows) - 1, : len(columns) - 1]
+    if free.any() and len(rows) > 2 and len(columns) > 2:
         nodes = seen(np.repeat(rows, len(columns)), np.tile(columns, len(rows))).reshape(len(rows), len(columns))
-        even = _even(nodes) & ~_any_within(crossed)[: len(rows) - 1, : len(columns) - 1]
+        even = _even(nodes) & free
         _between(values, nodes, even, STEP_PX)
         covered = np.repeat(np.repeat(even, STEP_PX, axis=0), STEP_PX, axis=1)
         own[: covered.shape[0], : covered.shape[1]] &= ~covered
