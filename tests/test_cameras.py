@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import SCENES
+from several_cameras import drawn, fewer
 
 from testfield.calibrate.calibration import Calibration
 from testfield.chain.recipe import recipe_of
@@ -18,24 +19,8 @@ from testfield.scene.load import load_scene, parse_scene
 from testfield.scene.schema import SceneFile
 from testfield.score.points import score_points
 from testfield.score.several import score_cameras, score_rigs
-from testfield.simulate.observations import draw_observations
 
 STEREO = SCENES / "stereo_rig.toml"
-
-
-def fewer(scene: SceneFile, places: int) -> SceneFile:
-    """The scene with fewer places of its rig."""
-    parts = tuple(part.model_copy(update={"count": places}) for part in scene.stations)
-    return scene.model_copy(update={"stations": parts}).in_folder(scene.folder)
-
-
-def drawn(truth: Truth, seed: int) -> Observations:
-    """Observations of all images at the physical bound."""
-    each = []
-    for part, world, views in zip(truth.parts, truth.worlds, truth.views_of_parts, strict=True):
-        seen = draw_observations(part.scene, world, views, seed)
-        each += [seen.take(seen.station == k) for k in range(len(world.station_name))]
-    return truth.by_cameras(Observations.join(each, truth.world.station_name))
 
 
 @pytest.fixture(scope="module")

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from conftest import TINY
+from several_cameras import stereo
 
 import testfield
 from testfield.camera.images import Frame
@@ -20,6 +21,8 @@ from testfield.evaluate.execute import FAILURE
 from testfield.measure.pipeline import detect, measure
 from testfield.measure.recipe import Recipe
 from testfield.measure.skeletons import SKELETONS
+from testfield.score.points import score_points
+from testfield.score.several import score_cameras
 
 PAGE = (Path(testfield.__file__).parent / "OWN_ALGORITHMS.md").read_text(encoding="utf-8")
 COMPILER = shutil.which("g++") or shutil.which("c++")
@@ -37,8 +40,8 @@ pytestmark = pytest.mark.usefixtures("forget_ones_own")
 def work(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with every example of the page as a file, compiled where that is asked for."""
     folder = tmp_path_factory.mktemp("own")
-    brightest, calibrator = blocks("python")
-    python, program, by_program, environment, elsewhere = blocks("toml")
+    brightest, calibrator, reconstructor = blocks("python")
+    python, program, by_program, points_by_program, environment, elsewhere = blocks("toml")
     (folder / "brightest.py").write_text(brightest)
     (folder / "brightest.toml").write_text(python)
     (folder / "dots.cpp").write_text(blocks("cpp")[0])
@@ -48,6 +51,8 @@ def work(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "corner_dots.toml").write_text(program.replace("dots {", "corner_dots {"))
     (folder / "my_calibrator.py").write_text(calibrator)
     (folder / "my_calibrator.toml").write_text(by_program)
+    (folder / "my_reconstructor.py").write_text(reconstructor)
+    (folder / "my_reconstructor.toml").write_text(points_by_program)
     (folder / "elsewhere.toml").write_text(elsewhere)
     assert "opencv-python-headless==" in environment
     if COMPILER:
@@ -71,7 +76,7 @@ def test_the_three_ways_of_the_page_lead_into_one_comparison(
 
         (tmp_path / "one.pgm").write_bytes(pgm(frame))
         subprocess.run([work / "dots", tmp_path / "one.pgm", there / f"{frame.station}.csv"], check=True)
-    names = ("brightest", "dots", "corner_dots", "elsewhere", "my_calibrator")
+    names = ("brightest", "dots", "corner_dots", "elsewhere", "my_calibrator", "my_reconstructor")
     recipes = [str(work / f"{name}.toml") for name in names]
     words = [str(TINY), "--recipes", *recipes, "--draws", "1", "--out", "compared", "--jobs", "1"]
     command = [sys.executable, "-m", "testfield", "compare", *words]
@@ -86,6 +91,20 @@ def test_the_three_ways_of_the_page_lead_into_one_comparison(
     assert rows["points.anees"][["dots", "elsewhere", "corner_dots"]].notna().all()  # from residuals
     assert rows["detection.centre_anees"][["brightest", "dots"]].isna().all()  # none stated
     assert rows["calibration.method"]["my_calibrator"] == "my_calibrator.py"
+    assert rows["points.method"]["my_reconstructor"] == "my_reconstructor.py"
+    assert rows["points.measured"]["my_reconstructor"] == 2 and rows["points.rmse_mm"]["my_reconstructor"] < 0.2
+
+
+def test_the_page_s_programs_calibrate_and_reconstruct_several_cameras(work: Path, tmp_path: Path) -> None:
+    truth, seen = stereo(5)
+    text = (work / "my_calibrator.toml").read_text() + (work / "my_reconstructor.toml").read_text()
+    (work / "both.toml").write_text(text)
+    found = measure(seen, truth.told, Recipe.load(work / "both.toml"))
+    card = score_cameras(truth.cameras, found.calibration)
+    assert set(card["cameras"]) == {"left", "right"} and card["corner_error_px"] < 1
+    assert found.calibration.reprojection_rms_px < 0.1
+    points = score_points(truth.world, found.calibration, found.points)
+    assert len(points.code) >= 12 and np.abs(points.fitted_mm).max() < 0.5
 
 
 def test_an_export_is_what_the_run_has(tiny: Run, tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ import pytest
 from conftest import SCENES
 
 from testfield.calibrate.calibration import Calibration
-from testfield.calibrate.given_camera import _camera_in
+from testfield.calibrate.camera_file import read_camera_file
 from testfield.chain.run import Run
 from testfield.cli.main import main
 from testfield.detect.observations import Observations
@@ -232,7 +232,9 @@ def test_a_point_that_states_a_singular_covariance_is_in_no_figure_of_three_degr
 INDEFINITE = np.array([[1.0, 2.0], [2.0, 1.0]])
 
 
-def test_a_covariance_with_a_negative_eigenvalue_is_refused_by_file_and_field(whole: Measured, tmp_path: Path) -> None:
+def test_a_covariance_with_a_negative_eigenvalue_is_refused_by_file_and_field(
+    drawn: tuple[World, Views, Observations], whole: Measured, tmp_path: Path
+) -> None:
     known = replace(whole.calibration, labels=("fx", "fy"), covariance=INDEFINITE)
     known.save(tmp_path / "calibration.json")
     (tmp_path / "camera.json").write_text(
@@ -240,7 +242,10 @@ def test_a_covariance_with_a_negative_eigenvalue_is_refused_by_file_and_field(wh
             {"interior": known.interior.to_json(), "labels": ["fx", "fy"], "covariance": INDEFINITE.tolist()},
         )
     )
-    for name, read in (("calibration.json", Calibration.load), ("camera.json", _camera_in)):
+    for name, read in (
+        ("calibration.json", Calibration.load),
+        ("camera.json", lambda path: read_camera_file(path, drawn[0].field)),
+    ):
         with pytest.raises(TestfieldError, match=rf"{name}.*covariance is no covariance.*semidefinite"):
             read(tmp_path / name)
     with pytest.raises(TestfieldError, match=r"covariance of 'mine'.*semidefinite"):

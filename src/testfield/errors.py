@@ -4,9 +4,10 @@ import difflib
 from collections.abc import Callable, Iterable, Sequence
 from functools import wraps
 from pathlib import Path
-from typing import TypeVar
+from typing import Concatenate, ParamSpec, TypeVar
 
 T = TypeVar("T")
+P = ParamSpec("P")
 
 DAMAGE = (
     ValueError,
@@ -87,14 +88,14 @@ def nearest(name: str, known: Iterable[str]) -> str:
     return f"did you mean '{near[0]}'?" if near else f"known here: {', '.join(known)}"
 
 
-def speaking(what: str) -> Callable[[Callable[[Path], T]], Callable[[Path], T]]:
+def speaking(what: str) -> Callable[[Callable[Concatenate[Path, P], T]], Callable[Concatenate[Path, P], T]]:
     """Decorator of a function that reads a file: a damaged or foreign file becomes a `TestfieldError` that names it."""
 
-    def wrap(load: Callable[[Path], T]) -> Callable[[Path], T]:
+    def wrap(load: Callable[Concatenate[Path, P], T]) -> Callable[Concatenate[Path, P], T]:
         @wraps(load)
-        def speak(path: Path) -> T:
+        def speak(path: Path, *args: P.args, **kwargs: P.kwargs) -> T:
             try:
-                return load(path)
+                return load(path, *args, **kwargs)
             except DAMAGE as error:
                 # Arrow's and JSON's own errors are ValueErrors; Arrow's of damaged bytes are OSErrors without a number.
                 if isinstance(error, OSError) and error.errno is not None:

@@ -57,7 +57,9 @@ class _Test(OpenSheet):
     detectable_px: float
 
 
-class _Rig(OpenSheet):
+class RigTable(OpenSheet):
+    """The relative orientation of a camera in a rig."""
+
     rig: str
     camera: str
     turn_rad: tuple[Finite, Finite, Finite]
@@ -70,7 +72,7 @@ class CalibrationFile(OpenSheet):
     method: str
     more_cameras: tuple[dict[str, Any], ...] = ()
     camera_names: tuple[str, ...] = ()
-    rigs: tuple[_Rig, ...] = ()
+    rigs: tuple[RigTable, ...] = ()
     interior: dict[str, Any]
     station_names: tuple[str, ...]
     stations: list[PoseTable]

@@ -1,9 +1,7 @@
-"""A camera that somebody else calibrated: its file, and everything that it does not say, by resection.
+"""Cameras that somebody else calibrated: their file, and everything that it does not say, by resection.
 
-The file is JSON: `interior` as in calibration.json, and as far as they are known `labels` with `covariance` of its
-parameters, and the exterior orientations `stations`, alone or with the poses of `boards`. Where these are missing, each
-board in each image is resected with the camera as it is given, and images and boards are chained along the strongest
-tree.
+Where exterior orientations or boards are missing, each board in each image is resected with the camera as it is given,
+and images and boards are chained along the strongest tree.
 """
 
 from collections.abc import Iterable, Mapping
@@ -13,21 +11,22 @@ from typing import Any
 
 import cv2
 import numpy as np
-import pydantic
 
 from testfield.calibrate.calibration import Calibration
 from testfield.calibrate.calibration_file import PoseTable
+from testfield.calibrate.camera_file import CameraFile, check_sizes, poses_of, read_camera_file
 from testfield.calibrate.edges import Edges, board_edges, left_out
 from testfield.calibrate.homography import image_middle
+from testfield.calibrate.imaging import imaging_of
 from testfield.calibrate.rows import usable_rows
-from testfield.calibrate.views import from_views
+from testfield.calibrate.views import Cameras, from_views
 from testfield.camera.circle import disc_centre_px
 from testfield.camera.interior import Interior
 from testfield.camera.pose import Poses
 from testfield.camera.project import plane_of, project_camera
 from testfield.detect.observations import Observations
 from testfield.errors import TestfieldError, speaking
-from testfield.store.sheets import Finite, Sheet, array, checked, covariance, read_json, unique
+from testfield.store.sheets import covariance, read_json
 from testfield.targets.field import Field
 
 PASSES = 3
@@ -37,28 +36,20 @@ RESECTED = "exterior orientations and boards by resection with the camera as it 
 GIVEN = "exterior orientations and boards as they were given"
 
 
-class _Camera(Sheet):
-    interior: dict[str, Any]
-    labels: tuple[str, ...] = ()
-    covariance: tuple[tuple[Finite, ...], ...] = ()
-    stations: dict[str, PoseTable] = pydantic.Field(default_factory=dict)
-    boards: dict[str, PoseTable] = pydantic.Field(default_factory=dict)
-    notes: tuple[str, ...] = ()
-
-
 def read_camera(path: Path, observations: Observations, field: Field, method: str) -> Calibration:
     """The calibration of a camera file, or of a whole calibration.json, for these observations.
 
-    Raises `TestfieldError` where the file is none, or its camera is of another size than the field sheet's.
+    Raises `TestfieldError` where the file is none, or its cameras are others than the field sheet's.
     """
     found = _whole(path) or _from(path, observations, field, method)
-    if field.cameras and (found.interior.width_px, found.interior.height_px) != field.cameras[0].size_px:
-        width, height = field.cameras[0].size_px
+    named = [camera.name for camera in field.cameras]
+    if len(named) > 1 and list(found.camera_names) != named:
         raise TestfieldError(
-            f"the camera has {found.interior.width_px} x {found.interior.height_px} px, the images {width} x {height}",
-            f"{path}, interior.width_px",
-            "calibrate these images",
+            f"its cameras are {', '.join(found.camera_names) or 'one without a name'}",
+            f"{path}, camera_names",
+            f"give those of the field sheet in its order: {', '.join(named)}",
         )
+    check_sizes(found.interiors, field.cameras, path)
     return replace(found, method=method)
 
 
@@ -69,43 +60,57 @@ def _whole(path: Path) -> Calibration | None:
 
 
 def _from(path: Path, observations: Observations, field: Field, method: str) -> Calibration:
-    interior, sheet = _camera_in(path)
+    interiors, sheet = read_camera_file(path, field)
+    check_sizes(interiors, field.cameras, path)
     rows, turned_down, notes = usable_rows(observations, field)
-    edges, why, said = board_edges(rows, field, image_middle(interior.width_px, interior.height_px))
+    cameras = _cameras(interiors, rows, field)
+    edges, why, said = _edges(cameras, rows, field)
     turned_down, notes = turned_down + left_out(rows, field, why), [*notes, *said, *sheet.notes]
-    poses, keep = _resected(interior, edges, rows, field)
+    poses, keep = _resected(cameras, edges, rows, field)
     if not keep.any():
         raise TestfieldError(
             "no board can be resected with this camera", str(path), "look at its focal length, principal point and lens"
         )
-    held = np.zeros(len(interior.parameters), bool)
-    found = from_views(method, interior, held, poses[keep], edges.take(keep), rows, field, turned_down, notes)
+    found = from_views(method, cameras, None, poses[keep], edges.take(keep), rows, field, turned_down, notes)
     if sheet.stations:
         found = _with_given(found, sheet, path)
     said_u = covariance(sheet.covariance, "covariance", len(sheet.labels)) if sheet.labels else np.zeros((0, 0))
     note = GIVEN if sheet.stations else RESECTED
     found = _with_residuals(found, edges.take(keep), rows, field)
-    return replace(found, labels=tuple(sheet.labels), covariance=said_u, notes=(*found.notes[:-1], note))
+    rigs = tuple(one.model_dump() for one in sheet.rigs)
+    return replace(found, labels=tuple(sheet.labels), covariance=said_u, notes=(*found.notes[:-1], note), rigs=rigs)
 
 
-@speaking("camera")
-def _camera_in(path: Path) -> tuple[Interior, _Camera]:
-    sheet = checked(_Camera, read_json(path))
-    interior = Interior.from_json(sheet.interior)
-    unique(sheet.labels, "label")
-    for name in sheet.labels:
-        if name not in interior.names:
-            raise ValueError(f"labels: '{name}' is none of {', '.join(interior.names)}")
-    if bool(sheet.labels) != bool(sheet.covariance):
-        raise ValueError("labels and covariance belong together")
-    if sheet.labels:
-        covariance(sheet.covariance, "covariance", len(sheet.labels))
-    if sheet.boards and not sheet.stations:
-        raise ValueError("boards without stations: give the exterior orientations too, or leave out both")
-    return interior, sheet
+def _cameras(interiors: tuple[Interior, ...], rows: Observations, field: Field) -> Cameras:
+    """The cameras of the field sheet, and which of them took each image."""
+    if len(interiors) == 1:
+        return Cameras.one(interiors[0], len(rows.stations))
+    if not rows.cameras:
+        raise TestfieldError(
+            "nobody says which camera took which image", "observations.parquet", "give the metadata `cameras`"
+        )
+    of_image = imaging_of(rows, field.cameras, (), "free").camera
+    return Cameras(tuple(camera.name for camera in field.cameras), interiors, of_image)
 
 
-def _resected(interior: Interior, edges: Edges, rows: Observations, field: Field) -> tuple[Poses, np.ndarray]:
+def _edges(cameras: Cameras, rows: Observations, field: Field) -> tuple[Edges, np.ndarray, list[str]]:
+    """Boards in images, camera by camera, as `board_edges` gives them. A camera that shows none is in no image."""
+    if len(cameras.interiors) == 1:
+        one = cameras.interiors[0]
+        return board_edges(rows, field, image_middle(one.width_px, one.height_px))
+    why, notes, parts = np.full(len(rows), "", object), list[str](), list[Edges]()
+    for k, one in enumerate(cameras.interiors):
+        here = np.flatnonzero(cameras.of_image[rows.station] == k)
+        try:
+            edges, said, told = board_edges(rows.take(here), field, image_middle(one.width_px, one.height_px))
+        except TestfieldError as error:
+            raise TestfieldError(f"camera '{cameras.names[k]}': {error.what}", error.where, error.do) from error
+        parts.append(edges.of_rows(here))
+        why[here], notes = said, notes + told
+    return Edges.join(parts), why, notes
+
+
+def _resected(cameras: Cameras, edges: Edges, rows: Observations, field: Field) -> tuple[Poses, np.ndarray]:
     """Camera-from-board poses (E) of edges, and which of them there are (E,)."""
     poses, keep = [], np.zeros(len(edges), bool)
     for e, here in enumerate(edges.rows):
@@ -114,6 +119,7 @@ def _resected(interior: Interior, edges: Edges, rows: Observations, field: Field
         xyz = np.column_stack([marks, np.zeros(len(marks))])
         radius = sheet.marks.diameter_mm[rows.point[here]] / 2
         discs = rows.centre_of_disc and not sheet.has_corners
+        interior = cameras.interiors[cameras.of_image[edges.station[e]]]
         pose = _one(interior, xyz, rows.xy_px[here], radius if discs else None)
         keep[e] = pose is not None
         poses.append(pose or Poses.identity(1))
@@ -149,7 +155,7 @@ def _one(interior: Interior, xyz_mm: np.ndarray, xy_px: np.ndarray, radius_mm: n
     return pose
 
 
-def _with_given(found: Calibration, sheet: _Camera, path: Path) -> Calibration:
+def _with_given(found: Calibration, sheet: CameraFile, path: Path) -> Calibration:
     """The same with the exterior orientations that were given in the place of the resected ones.
 
     The datum is the first board that is joined; what is given may be in any other frame. Raises `TestfieldError` where
@@ -158,10 +164,10 @@ def _with_given(found: Calibration, sheet: _Camera, path: Path) -> Calibration:
     _all_given("station", found.station_names, sheet.stations, path)
     if sheet.boards:
         _all_given("board", found.board_names, sheet.boards, path)
-    given = _poses([sheet.stations[name] for name in found.station_names])
+    given = poses_of([sheet.stations[name] for name in found.station_names])
     if not sheet.boards:  # told from the first board's frame
         return replace(found, stations=given)
-    boards = _poses([sheet.boards[name] for name in found.board_names])
+    boards = poses_of([sheet.boards[name] for name in found.board_names])
     datum = Poses(*(np.repeat(values[:1], len(given), axis=0) for values in (boards.R, boards.t_mm)))
     back = Poses(*(np.repeat(values, len(boards), axis=0) for values in vars(boards[:1].inverse()).values()))
     return replace(found, stations=given.after(datum), boards=back.after(boards))
@@ -177,21 +183,23 @@ def _all_given(kind: str, wanted: Iterable[str], given: Mapping[str, PoseTable],
 
 def _with_residuals(found: Calibration, edges: Edges, rows: Observations, field: Field) -> Calibration:
     """The same with the residuals that its exterior orientations and boards leave, whichever way they were found."""
-    at, residual = [], []
+    at, residual, camera = [], [], []
     for e, here in enumerate(edges.rows):
         station, sheet = rows.stations[edges.station[e]], field.boards[edges.board[e]]
         if station not in found.station_names or sheet.name not in found.board_names:
             continue
         s, b = found.station_names.index(station), found.board_names.index(sheet.name)
+        interior = found.interiors[found.camera_of_image[s]]
         pose = found.stations[s : s + 1].after(found.boards[b : b + 1])[np.zeros(len(here), int)]
         xyz = np.column_stack([sheet.marks.xy_mm[rows.point[here]], np.zeros(len(here))])
         if rows.centre_of_disc and not sheet.has_corners:
             normal, radius = np.tile([0.0, 0.0, 1.0], (len(here), 1)), sheet.marks.diameter_mm[rows.point[here]] / 2
-            predicted = disc_centre_px(found.interior, pose, xyz, normal, radius)
+            predicted = disc_centre_px(interior, pose, xyz, normal, radius)
         else:
-            predicted = project_camera(found.interior, pose.apply(xyz))
+            predicted = project_camera(interior, pose.apply(xyz))
         at.append(rows.xy_px[here])
         residual.append(rows.xy_px[here] - predicted)
+        camera.append(np.full(len(here), found.camera_of_image[s]))
     left = np.concatenate(residual)
     good = np.isfinite(left).all(axis=1)
     rms = float(np.sqrt((left[good] ** 2).sum(axis=1).mean())) if good.any() else float("nan")
@@ -199,13 +207,7 @@ def _with_residuals(found: Calibration, edges: Edges, rows: Observations, field:
         found,
         residual_at_px=np.concatenate(at)[good],
         residual_px=left[good],
+        residual_camera=np.concatenate(camera)[good] if found.more_cameras else found.residual_camera,
         reprojection_rms_px=rms,
         used=int(good.sum()),
     )
-
-
-def _poses(tables: list[PoseTable]) -> Poses:
-    R = array([table.R for table in tables], "R", len(tables), 3, 3)
-    if np.abs(R @ np.swapaxes(R, 1, 2) - np.eye(3)).max(initial=0) > 1e-6:
-        raise TestfieldError("R is no rotation", "stations", "give rotation matrices")
-    return Poses(R, array([table.t_mm for table in tables], "t_mm", len(tables), 3))

@@ -10,7 +10,7 @@ from testfield.calibrate.edges import Edges, board_edges, left_out
 from testfield.calibrate.homography import focal_length, image_middle
 from testfield.calibrate.lens_start import lens_start
 from testfield.calibrate.rows import best_board, on_one_board, usable_rows
-from testfield.calibrate.views import from_views
+from testfield.calibrate.views import Cameras, from_views
 from testfield.camera.interior import Interior, check_held, parameter_names
 from testfield.camera.lens import NamesElsewhere, lens_model, lens_names
 from testfield.camera.pose import Poses
@@ -65,7 +65,9 @@ def opencv(
             criteria=CRITERIA,
         )
         interior, poses = camera_of(start, found[1], found[2]), poses_of(found[3], found[4])
-    return from_views("opencv", interior, free, poses, edges, rows, field, turned_down, notes)
+    return from_views(
+        "opencv", Cameras.one(interior, len(rows.stations)), free, poses, edges, rows, field, turned_down, notes
+    )
 
 
 def names_of(lens: str) -> NamesElsewhere:

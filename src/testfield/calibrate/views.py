@@ -6,6 +6,7 @@ have it. The frame of the first board, and in it stations and boards, follow alo
 """
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -24,6 +25,32 @@ from testfield.targets.field import Field
 LEAST_VARIANCE_PX2 = 1e-18
 """Where observations fit perfectly, a variance must still be inverted."""
 AXES = ("rx", "ry", "rz", "tx", "ty", "tz")
+
+
+@dataclass(frozen=True)
+class Cameras:
+    """Interior orientations with their `names`, and `of_image` (I,) which of them took each image."""
+
+    names: tuple[str, ...]
+    interiors: tuple[Interior, ...]
+    of_image: np.ndarray
+
+    @staticmethod
+    def one(interior: Interior, images: int) -> "Cameras":
+        """One camera that took them all."""
+        return Cameras((), (interior,), np.zeros(images, int))
+
+    def several(self, images: list[int], residual_image: np.ndarray) -> dict[str, Any]:
+        """What a calibration of these images (numbers) and of residuals in images `residual_image` (m,) has of several
+        cameras; nothing of one."""
+        if len(self.interiors) == 1:
+            return {}
+        return {
+            "more_cameras": self.interiors[1:],
+            "camera_names": self.names,
+            "image_camera": self.of_image[images],
+            "residual_camera": self.of_image[residual_image],
+        }
 
 
 @dataclass(frozen=True)
@@ -60,8 +87,8 @@ def evaluated(network: Network, labels: list[str], unknowns: int, datum_points: 
 
 def from_views(
     method: str,
-    interior: Interior,
-    free: np.ndarray,
+    cameras: Cameras,
+    free: np.ndarray | None,
     camera_from_board: Poses,
     edges: Edges,
     rows: Observations,
@@ -70,7 +97,9 @@ def from_views(
     notes: list[str],
 ) -> Calibration:
     """The calibration of an interior orientation, whose parameters in the mask `free` were estimated, and of the
-    camera-from-board poses (E) of edges."""
+    camera-from-board poses (E) of edges. Without a mask the cameras are as they are given, and may be several."""
+    interior = cameras.interiors[0]
+    free = np.zeros(len(interior.parameters), bool) if free is None else free
     stations, boards = len(rows.stations), len(field.boards)
     first = min(groups_apart(edges.station, edges.board, stations, boards)[0][1])
     sheets = [sheet.marks for sheet in field.boards]
@@ -79,9 +108,12 @@ def from_views(
     used = np.concatenate(edges.rows)
     m = len(used)
     network = Network(
-        cameras=(Camera.of(interior, free),),
+        cameras=(
+            Camera.of(interior, free),
+            *(Camera.of(one, np.zeros(len(one.parameters), bool)) for one in cameras.interiors[1:]),
+        ),
         stations=camera_from_board,
-        images=Images.one_camera(len(edges)),
+        images=replace(Images.one_camera(len(edges)), camera=cameras.of_image[edges.station]),
         boards=Poses.identity(boards),
         ways=(HELD,) * boards,
         point_mm=local,
@@ -167,6 +199,7 @@ def from_views(
         joints=edge_rows,
         board_quality=board_quality(covariance, tuple(out), board_names, edge_rows),
         test=residual_test(found),
+        **cameras.several(inside, rows.station[used]),
     )
     return of_joints(calibration)
 

@@ -121,11 +121,14 @@ class Observations:
         pq.write_table(pa.table(self._table()).replace_schema_metadata(notes), path)
 
     def save_csv(self, path: Path) -> None:
-        """Write the same columns as CSV, which has no place for what the metadata say."""
+        """Write the same columns as CSV, which has no place for what the metadata say: of several cameras each row has
+        the `camera` of its image, the `place` where it or its rig stood, and the `time`."""
         import pyarrow as pa
         from pyarrow import csv
 
-        csv.write_csv(pa.table(self._table()), path)
+        of_images = {"camera": self.cameras, "place": self.places, "time": self.times}
+        more = {name: np.array(values)[self.station] for name, values in of_images.items() if values}
+        csv.write_csv(pa.table(self._table() | more), path)
 
     def _table(self) -> dict[str, np.ndarray]:
         cov, moments = self.cov_px2, self.moments_px2

@@ -9,7 +9,6 @@ from testfield.detect.observations import Observations
 from testfield.errors import TestfieldError
 from testfield.measure.outside import Program, Results
 from testfield.measure.programs import run_program
-from testfield.reconstruct.points import Points
 from testfield.targets.field import Field
 
 FILES = {"observations": "observations.csv", "sheet": "field.json", "json": "camera.json"}
@@ -19,9 +18,8 @@ FILES = {"observations": "observations.csv", "sheet": "field.json", "json": "cam
 def calibrated_by_program(observations: Observations, field: Field, program: Program) -> Calibration:
     """What a program makes of observations and field sheet (OWN_ALGORITHMS.md).
 
-    Raises `TestfieldError` where it fails, or writes what cannot be; so it does for several cameras.
+    Raises `TestfieldError` where it fails, or writes what cannot be.
     """
-    _one_camera(field, program.name)
     with TemporaryDirectory(prefix="testfield-") as folder:
         work = Path(folder)
         files = {name: work / file for name, file in FILES.items()}
@@ -41,24 +39,7 @@ def calibrated_by_program(observations: Observations, field: Field, program: Pro
 
 def calibrated_by_files(observations: Observations, field: Field, results: Results) -> Calibration:
     """What lies in a folder: camera.json or calibration.json. Raises `TestfieldError` where neither does."""
-    _one_camera(field, str(results.folder))
     for name in ("camera.json", "calibration.json"):
         if (results.folder / name).is_file():
             return read_camera(results.folder / name, observations, field, results.folder.name)
     raise TestfieldError("there is no camera.json", str(results.folder), "put the calibration there")
-
-
-def points_from_files(results: Results) -> Points:
-    """What lies in a folder: points.csv or points.parquet. Raises `TestfieldError` where neither does."""
-    for name in ("points.parquet", "points.csv"):
-        path = results.folder / name
-        if path.is_file():
-            return Points.load(path)
-    raise TestfieldError("there is no points.csv", str(results.folder), "put the points there")
-
-
-def _one_camera(field: Field, who: str) -> None:
-    if len(field.cameras) > 1:
-        raise TestfieldError(
-            f"the field sheet lists {len(field.cameras)} cameras, and a camera file holds one", who, "use one camera"
-        )

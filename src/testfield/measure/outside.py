@@ -19,6 +19,7 @@ TIME_LIMIT_S = 60.0
 MOST_TIME_S = 86_400.0
 DETECTOR_GETS = ("image", "image8", "pgm", "sheet", "csv")
 CALIBRATOR_GETS = ("observations", "sheet", "json")
+RECONSTRUCTOR_GETS = ("observations", "calibration", "sheet", "csv")
 """What stands in braces in a command: files that it reads, and last the one that it writes."""
 
 

@@ -11,10 +11,11 @@ from testfield.detect.detect import detect as detect_frame
 from testfield.detect.observations import Observations
 from testfield.errors import TestfieldError
 from testfield.measure.blame import blamed
-from testfield.measure.calibrator import calibrated_by_files, calibrated_by_program, points_from_files
+from testfield.measure.calibrator import calibrated_by_files, calibrated_by_program
 from testfield.measure.detector import by_program, from_files
 from testfield.measure.outside import Program, Results
 from testfield.measure.recipe import Algorithm, Recipe
+from testfield.measure.reconstructor import points_by_program, points_from_files
 from testfield.measure.results import recipe_at
 from testfield.measure.stated import taken_calibration, taken_observations, taken_points
 from testfield.measure.weights import calibrated, weighed_by
@@ -120,10 +121,12 @@ def by_time(observations: Observations, field: Field) -> tuple[Observations, Fie
 def reconstruct(observations: Observations, calibration: Calibration, field: Field, recipe: Recipe) -> Points:
     """Targets that belong to no board, with their joint covariance where the reconstructor states one."""
     recipe.prepare()
-    if recipe.points_from is not None:
-        return taken_points(points_from_files(recipe.points_from), str(recipe.points_from.folder))
-    method = recipe.reconstructor
+    own, method = recipe.points_from, recipe.reconstructor
+    if isinstance(own, Results):
+        return taken_points(points_from_files(own), str(own.folder))
     observations, field = by_time(weighed_by(observations, calibration), field)
+    if own is not None:
+        return taken_points(points_by_program(observations, calibration, field, own), own.name)
     with blamed("reconstructors", method.name):
         found = find("reconstructors", method.name)(observations, calibration, field, **method.options)
         return taken_points(found, method.name)

@@ -53,7 +53,7 @@ class Recipe:
     finder: Algorithm | None = None
     decoder: Algorithm | None = None
     calibrated_by: Program | Results | None = None
-    points_from: Results | None = None
+    points_from: Program | Results | None = None
     files: tuple[Loaded, ...] = ()
 
     @staticmethod

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 import pydantic
 
 from testfield.errors import TestfieldError, nearest
-from testfield.measure.outside import CALIBRATOR_GETS, DETECTOR_GETS, TIME_LIMIT_S, Program, Results
+from testfield.measure.outside import CALIBRATOR_GETS, DETECTOR_GETS, RECONSTRUCTOR_GETS, TIME_LIMIT_S, Program, Results
 from testfield.measure.recipe import SMALLEST_DIAMETER_PX, Algorithm, Loaded, Recipe
 from testfield.registry import load_file
 from testfield.store.digests import file_digest
@@ -44,7 +44,7 @@ def read_recipe(path: Path) -> Recipe:
         finder=_algorithm(sheet.finder, path, "finder") if sheet.finder else None,
         decoder=_algorithm(sheet.decoder, path, "decoder") if sheet.decoder else None,
         calibrated_by=_from_outside(sheet.calibrator, path, "calibrator", CALIBRATOR_GETS, packages),
-        points_from=_results(sheet.reconstructor, path),
+        points_from=_from_outside(sheet.reconstructor, path, "reconstructor", RECONSTRUCTOR_GETS, packages),
         files=tuple(files),
     )
     recipe.check(str(path))
@@ -130,14 +130,3 @@ def _from_outside(
         limit = TIME_LIMIT_S if table.time_limit_s is None else table.time_limit_s
         return Program.of(table.command, folder, f"{path}, {stage}.command", gets, limit, packages)
     return None if table.folder is None else Results.of(folder / table.folder, f"{path}, {stage}.folder")
-
-
-def _results(table: _Table, path: Path) -> Results | None:
-    if table.command is not None:
-        raise TestfieldError(
-            "no program reconstructs",
-            f"{path}, reconstructor.command",
-            "name an algorithm, or a folder with points.csv",
-        )
-    found = _from_outside(table, path, "reconstructor", (), ())
-    return found if isinstance(found, Results) else None

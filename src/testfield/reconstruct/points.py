@@ -2,11 +2,15 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from testfield.errors import speaking
-from testfield.store.sheets import FORMAT, LARGEST_MM, array, covariance, read_columns, unique
+from testfield.store.sheets import FORMAT, LARGEST_MM, covariance, read_columns, unique
+
+MOST_POINTS = 10_000
+"""Rows that a CSV file may have: the joint covariance of more has no room."""
 
 
 @dataclass(frozen=True)
@@ -72,11 +76,11 @@ class Points:
 
     @staticmethod
     @speaking("points")
-    def load(path: Path) -> "Points":
+    def load(path: Path, most: int = MOST_POINTS) -> "Points":
         """Read what `save` wrote, or a CSV file with code, x_mm, y_mm, z_mm, and u_x_mm, u_y_mm, u_z_mm where they are
-        known. Raises `TestfieldError` where columns, shapes or numbers are not such."""
+        known, of `most` rows. Raises `TestfieldError` where columns, shapes or numbers are not such."""
         if path.suffix.lower() == ".csv":
-            return _from_csv(path)
+            return _from_csv(path, most)
         column, notes = read_columns(path, COLUMNS)
         n = len(column["code"])
         unique(column["code"].tolist(), "code")
@@ -106,22 +110,40 @@ COLUMNS = {
 }
 
 
-def _from_csv(path: Path) -> Points:
+def _from_csv(path: Path, most: int) -> Points:
     from pyarrow import csv
 
-    table = csv.read_csv(path)
+    # An empty line is a row: lines are counted as a person's editor does.
+    table = csv.read_csv(path, csv.ReadOptions(use_threads=False), csv.ParseOptions(ignore_empty_lines=False))
     unique(table.column_names, "column")
     if missing := [name for name in ("code", "x_mm", "y_mm", "z_mm") if name not in table.column_names]:
         raise ValueError(f"there is no column {', '.join(missing)}")
     n = table.num_rows
-    code = array(table["code"].to_numpy(), "column 'code'", n, kind=int)
-    unique(code.tolist(), "code")
-    xyz = np.column_stack([array(table[f"{axis}_mm"].to_numpy(), f"column '{axis}_mm'", n) for axis in "xyz"])
+    if n > most:
+        raise ValueError(f"{n:,} rows are more than the {most:,} points that there can be")
+    code = _numbers(table, "code", least=None)
+    if (code != np.rint(code)).any():
+        raise ValueError(f"line {int(np.argmax(code != np.rint(code))) + 2}, code is no whole number")
+    unique(code.astype(int).tolist(), "code")
+    xyz = np.column_stack([_numbers(table, f"{axis}_mm", least=None) for axis in "xyz"]).reshape(n, 3)
     cov = np.full((3 * n, 3 * n), np.nan)
     if all(f"u_{axis}_mm" in table.column_names for axis in "xyz"):
-        u = np.column_stack([array(table[f"u_{axis}_mm"].to_numpy(), f"column 'u_{axis}_mm'", n) for axis in "xyz"])
+        u = np.column_stack([_numbers(table, f"u_{axis}_mm", least=0.0) for axis in "xyz"])
         cov = np.diag(u.ravel() ** 2)
-    return Points(path.stem, code, xyz, cov, np.zeros(n, int), np.full(n, np.nan), np.zeros(n, int))
+    return Points(path.stem, code.astype(int), xyz, cov, np.zeros(n, int), np.full(n, np.nan), np.zeros(n, int))
+
+
+def _numbers(table: Any, name: str, least: float | None) -> np.ndarray:
+    """(n,) finite numbers of a column, none beyond all size nor below `least`; a wrong one is named with its line."""
+    found = np.full(table.num_rows, np.nan)
+    for k, value in enumerate(table[name].to_pylist()):
+        try:
+            found[k] = float(value) if value is not None and not isinstance(value, bool) else np.nan
+        except (TypeError, ValueError, OverflowError):
+            raise ValueError(f"line {k + 2}, {name} = {str(value)[:40]!r}: no number") from None
+        if not abs(found[k]) <= LARGEST_MM or (least is not None and found[k] < least):
+            raise ValueError(f"line {k + 2}, {name} = {found[k]:g}: no number that can be")
+    return found
 
 
 def _covariance(rows: list[np.ndarray] | None, n: int) -> np.ndarray:
