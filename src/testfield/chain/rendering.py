@@ -1,8 +1,12 @@
 """The two stages that make images: radiance of every station, and digital frames of it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import asdict
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
 
+from testfield.camera.images import Radiance
 from testfield.chain.belongs import exposed_world, rendered_world, world_of
 from testfield.chain.frame_work import expose_one
 from testfield.chain.keys import (
@@ -17,7 +21,13 @@ from testfield.errors import TestfieldError
 from testfield.scene.parts import ScenePart
 from testfield.scene.world import World
 from testfield.seeds import seed_of
+from testfield.store.atomic import part_path
 from testfield.store.digests import file_digest
+
+if TYPE_CHECKING:
+    from testfield.render.irradiance import Irradiance
+    from testfield.render.stage import Stage
+    from testfield.render.view import Making
 
 
 def render(run: Run) -> Made:
@@ -50,17 +60,16 @@ def _render_part(
     move: Callable[[float], None],
 ) -> None:
     """Radiance of those images of a part that are `stale`."""
-    settings, keys = run.scene.render, made_from.images
-    fast, shown = settings.mode == "fast", rendered_world(run.scene)
+    settings, keys, shown = run.scene.render, made_from.images, rendered_world(run.scene)
     light_file = f"radiance/light-t{part.time:02d}.npz" if part.time else "radiance/light.npz"
 
     from testfield.render.irradiance import Irradiance, compute_irradiance
     from testfield.render.stage import build_stage
-    from testfield.render.view import fast_carries, render_reference, render_view
+    from testfield.render.view import fast_carries
 
     stage = build_stage(world)
     light = Irradiance.even(len(world.panels), 0.0)  # not asked for where every image is path traced
-    if fast and fast_carries(world):
+    if settings.mode == "fast" and fast_carries(world):
         seed = seed_of(world.seed, "light") & 0x7FFFFFFF
         with bar("light", 1, "scene") as lighten:
             run.ledger.make(
@@ -71,10 +80,29 @@ def _render_part(
                 ).save(path),
             )
         light = Irradiance.load(run.folder / light_file)
-    for k in stale:
+    for k, written, making in _images(run, stage, light, stale, move):
         name = world.station_name[k]
-        seed = seed_of(world.seed, f"path/{name}") & 0x7FFFFFFF
-        if fast:
+        run.ledger.place({f"radiance/{name}.exr": written}, keys[name], world=shown)
+        run.ledger.note(images=run.ledger.notes.get("images", {}) | {name: asdict(making)})
+
+
+def _images(
+    run: Run, stage: "Stage", light: "Irradiance", stale: list[int], move: Callable[[float], None]
+) -> Iterator[tuple[int, Path, "Making"]]:
+    """Each of the stations `stale`, the part of a file that holds its image, and how that was made."""
+    from testfield.render.view import FAST, Making, fast_carries, render_reference, render_view
+    from testfield.render.views import fast_views
+
+    settings, world = run.scene.render, stage.world
+    seeds = [seed_of(world.seed, f"path/{world.station_name[k]}") & 0x7FFFFFFF for k in stale]
+    keep = partial(_written, run.folder / "radiance")
+    if settings.mode == "fast" and fast_carries(world) and world.gloss is None:
+        parts = fast_views(stage, light, stale, seeds, settings.cells, settings.blur_shots, keep, move)
+        for k, part in zip(stale, parts, strict=True):
+            yield k, part, Making(FAST)
+        return
+    for k, seed in zip(stale, seeds, strict=True):
+        if settings.mode == "fast":
             image, making = render_view(
                 stage,
                 light,
@@ -88,8 +116,19 @@ def _render_part(
             )
         else:
             image, making = render_reference(stage, k, settings.samples, seed, move)
-        run.ledger.make(f"radiance/{name}.exr", keys[name], image.save, world=shown)
-        run.ledger.note(images=run.ledger.notes.get("images", {}) | {name: asdict(making)})
+        yield k, keep(image), making
+
+
+def _written(folder: Path, image: Radiance) -> Path:
+    """The part of a file that holds an image."""
+    part = part_path(folder / f"{image.station}.exr")
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        image.save(part)
+    except BaseException:
+        part.unlink(missing_ok=True)
+        raise
+    return part
 
 
 def expose(run: Run) -> Made:

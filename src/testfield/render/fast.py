@@ -7,7 +7,8 @@ weighting of the cells (`psf.py`); defocus and motion are means over a few sharp
 Monte Carlo noise.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -16,18 +17,20 @@ import numpy as np
 from testfield.camera.images import Radiance
 from testfield.render.camera_plugin import CameraRays
 from testfield.render.device_maths import DeviceTwist, Rays, opaque_float
+from testfield.render.direct import DirectLight
 from testfield.render.edges import BORDER, EDGE, edge_pixels
 from testfield.render.fetch import fetch
 from testfield.render.irradiance import Irradiance, IrradianceSum
 from testfield.render.lattice import smooth_pixels
 from testfield.render.mesh_light import MeshLookup
 from testfield.render.points import flash_sources, light_from, room_sources
-from testfield.render.psf import MOSTLY, point_spread
+from testfield.render.psf import MOSTLY, PointSpread, point_spread
 from testfield.render.shade import shade
 from testfield.render.shots import shots
 from testfield.render.stage import Stage
 from testfield.render.variant import mitsuba
 from testfield.render.vignetting import Vignetting, vignettes
+from testfield.scene.world import World
 
 CELLS_A_PASS = 18_000_000
 FINER = 2
@@ -53,13 +56,58 @@ def render_fast(
     adds that.
     """
     world = stage.world
-    width, height = world.interior.width_px, world.interior.height_px
+    values = np.empty((world.interior.height_px, world.interior.width_px), np.float32)
+    for strip in traced(stage, light, station, outlined(world, light.direct, station, cells, blur_shots), bounce):
+        strip.blur_into(values)
+        progress(len(strip) / len(values))
+    return Radiance(world.station_name[station], values)
+
+
+@dataclass(frozen=True)
+class Outlined:
+    """What is known of a view before any ray: the `exposure`'s shots (k, 3), the point `spread`, and the `edges` in the
+    image and in a margin around it (`edges.py`)."""
+
+    exposure: np.ndarray
+    spread: PointSpread
+    edges: np.ndarray
+
+
+@dataclass(frozen=True)
+class Strip:
+    """Rows of an image from `top` to before `bottom`, as rays met them: `smooth` pixels with a margin around, of which
+    those at `row`, `column` (k,) have `fine` cells (k, cells^2) of their own. The `spread` makes pixels of them."""
+
+    top: int
+    bottom: int
+    spread: PointSpread
+    smooth: np.ndarray
+    row: np.ndarray
+    column: np.ndarray
+    fine: np.ndarray
+
+    def __len__(self) -> int:
+        return self.bottom - self.top
+
+    def blur_into(self, values: np.ndarray) -> None:
+        """Write the strip's pixels into the image's."""
+        values[self.top : self.bottom] = self.spread.blurred(self.smooth, self.row, self.column, self.fine)
+
+
+def outlined(world: World, direct: DirectLight, station: int, cells: int, blur_shots: int) -> Outlined:
+    """What is known of a station's view before any ray; `cells` and `blur_shots` as in `render_fast`."""
     exposure = shots(world, station, blur_shots)
     spread = point_spread(cells, world.psf_sigma_px, world.optics.airy_px, len(exposure))
+    return Outlined(exposure, spread, edge_pixels(world, direct, station, exposure, spread.margin))
+
+
+def traced(
+    stage: Stage, light: Irradiance, station: int, outline: Outlined, bounce: Irradiance | None = None
+) -> Iterator[Strip]:
+    """A station's image as rays meet it, from top to bottom."""
+    exposure, spread, edges = outline.exposure, outline.spread, outline.edges
     cells, margin = spread.cells, spread.margin
     view = _View(stage, light, station, bounce)
-    edges = edge_pixels(world, light.direct, station, exposure, margin)
-    values = np.empty((height, width), np.float32)
     for top, bottom in _strips(edges > 0, cells, margin):
         part = edges[top : bottom + 2 * margin]
         smooth = smooth_pixels(partial(view.middles, top - margin, -margin), part > 0)
@@ -68,9 +116,7 @@ def render_fast(
         for kind, finer in ((EDGE, 1), (BORDER, max(1, round(FINER / np.sqrt(len(exposure)))))):
             own = part[row, column] == kind
             fine[own] = view.cells(exposure, row[own] + (top - margin), column[own] - margin, cells, finer)
-        values[top:bottom] = spread.blurred(smooth, row, column, fine)
-        progress((bottom - top) / height)
-    return Radiance(world.station_name[station], values)
+        yield Strip(top, bottom, spread, smooth, row, column, fine)
 
 
 def _strips(crossed: np.ndarray, cells: int, margin: int) -> list[tuple[int, int]]:
