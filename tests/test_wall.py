@@ -40,14 +40,15 @@ MAY_IMPORT: dict[str, tuple[str, ...]] = {
     "simulate": (*GROUND, *TYPES, "detect", "scene"),
     # Both.
     "score": (*GROUND, *TYPES, "statistics", *MEASURING, "scene"),
-    "report": (*GROUND, *TYPES, "statistics", *MEASURING, "scene", "score"),
+    "plan": (*GROUND, *TYPES, "statistics", "detect", "adjust", "calibrate", "scene", "simulate", "score"),
+    "report": (*GROUND, *TYPES, "statistics", *MEASURING, "scene", "score", "simulate", "plan"),
     "chain": (*RESULTS, "report"),
     "evaluate": (*RESULTS, "report", "chain"),
     "certify": (*RESULTS, "evaluate"),
-    "bench": (*RESULTS, "report", "chain", "evaluate", "certify"),
+    "bench": (*RESULTS, "plan", "report", "chain", "evaluate", "certify"),
     "study": (*RESULTS, "report", "chain", "evaluate", "bench"),
     "api": (*RESULTS, "report", "chain", "evaluate"),
-    "cli": (*RESULTS, "report", "chain", "evaluate", "certify", "bench", "study", "api"),
+    "cli": (*RESULTS, "plan", "report", "chain", "evaluate", "certify", "bench", "study", "api"),
     "__init__": ("version", "api"),
     "__main__": ("cli",),
 }

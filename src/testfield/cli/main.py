@@ -27,6 +27,7 @@ MODULES = (
     "study",
     "validate",
     "preview",
+    "plan",
     "certify",
     "bench",
     "codes",
@@ -37,7 +38,7 @@ MODULES = (
 """Modules of this package, each of which enters one command or more."""
 
 GROUPS = {
-    "scenes": ("validate", "preview", "run"),
+    "scenes": ("validate", "preview", "plan", "run"),
     "what a run holds": ("accept", "uncertainty"),
     "one stage of a run": ("render", "expose", "detect", "calibrate", "reconstruct", "score", "report"),
     "photographs": ("measure", "codes"),

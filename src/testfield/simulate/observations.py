@@ -7,6 +7,7 @@ noise that the scene's light and sensor give. It predicts what a run will reach 
 import numpy as np
 
 from testfield.camera.circle import disc_image
+from testfield.camera.images import SensorSheet
 from testfield.detect.observations import MEASURED, Observations
 from testfield.scene.exposure import sensor_of, white_radiance
 from testfield.scene.schema import SceneFile
@@ -36,8 +37,8 @@ def draw_observations(scene: SceneFile, world: World, views: Views, seed: int) -
         world.mark_normal[mark],
         world.marks.diameter_mm[mark] / 2,
     )
-    contrast_dn, noise_dn = _levels(scene, world)
-    snr = (contrast_dn / noise_dn)[mark]
+    contrast_dn, level_dn, sheet = levels(scene, world)
+    snr = (contrast_dn / np.sqrt(sheet.variance_dn2(level_dn)))[mark]
     cov = bound_px2(image.moments_px2, snr, np.hypot(world.psf_sigma_px, 1 / np.sqrt(12)))
     marks, names = world.marks, tuple(board.name for board in world.field.boards)
     z = normals_of_marks(
@@ -58,8 +59,9 @@ def draw_observations(scene: SceneFile, world: World, views: Views, seed: int) -
     )
 
 
-def bound_px2(moments_px2: np.ndarray, snr: np.ndarray, edge_px: float) -> np.ndarray:
-    """(n, 2, 2) least covariance of ellipses' centres: `snr` (n,) contrast over noise, `edge_px` the edge's width."""
+def bound_px2(moments_px2: np.ndarray, snr: np.ndarray, edge_px: float | np.ndarray) -> np.ndarray:
+    """(n, 2, 2) least covariance of ellipses' centres: `snr` (n,) contrast over noise, `edge_px` the edge's width, one
+    for all or (n,)."""
     half = np.linalg.cholesky(4 * moments_px2)
     angle = 2 * np.pi * np.arange(RIM) / RIM
     tangent = np.einsum("nij,jk->nik", half, np.array([-np.sin(angle), np.cos(angle)]))
@@ -69,8 +71,9 @@ def bound_px2(moments_px2: np.ndarray, snr: np.ndarray, edge_px: float) -> np.nd
     return np.linalg.inv(around) * (2 * edge_px * np.sqrt(np.pi) / snr**2)[:, None, None]
 
 
-def _levels(scene: SceneFile, world: World) -> tuple[np.ndarray, np.ndarray]:
-    """(marks,) contrast of each mark, and the noise half way between its white and its black, in DN."""
+def levels(scene: SceneFile, world: World) -> tuple[np.ndarray, np.ndarray, SensorSheet]:
+    """(marks,) contrast of each mark and the level half way between its white and its black, in DN; what the sensor's
+    noise is at a level."""
     white, contrast = white_radiance(world)
     sensor = sensor_of(scene)
     dn = sensor.electrons_per_radiance / sensor.gain_e_per_dn
@@ -80,4 +83,4 @@ def _levels(scene: SceneFile, world: World) -> tuple[np.ndarray, np.ndarray]:
     contrast = np.maximum(contrast, SHADE * np.median(contrast[bright]))
     white = np.maximum(white, ratio * contrast)
     level = sensor.black_level_dn + dn * (white - contrast / 2)
-    return dn * contrast, np.sqrt(sensor.sheet.variance_dn2(level))
+    return dn * contrast, level, sensor.sheet
