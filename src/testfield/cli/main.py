@@ -22,6 +22,7 @@ MODULES = (
     "uncertainty",
     "accept",
     "compare",
+    "regress",
     "export",
     "new",
     "study",
@@ -42,7 +43,7 @@ GROUPS = {
     "what a run holds": ("accept", "uncertainty"),
     "one stage of a run": ("render", "expose", "detect", "calibrate", "reconstruct", "score", "report"),
     "photographs": ("measure", "codes"),
-    "ways to measure": ("compare", "export", "new", "study"),
+    "ways to measure": ("compare", "regress", "export", "new", "study"),
     "the program itself": ("certify", "bench"),
     "to look up": ("list", "schema", "completion"),
 }
@@ -100,8 +101,8 @@ def parser() -> Overview:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run one command; the exit status is 0, 1 for a verdict that fails, 2 for something the user can mend, 130 where
-    interrupted. Without a command, all of them are shown."""
+    """Run one command; the exit status is 0, 1 for a verdict that fails, 2 for something the user can mend, 3 for a
+    regression that is not decided, 130 where interrupted. Without a command, all of them are shown."""
     speak_in_any_locale()
     args = argparse.Namespace()
     try:

@@ -43,7 +43,8 @@ class Until(Enum):
 
 
 def compared_row(case: Case, run: Run | None) -> list[dict[str, Any]]:
-    """One row: the scorecard by its paths; seconds of each stage (`time_detect_s` ...) and the memory that they took
+    """One row: the scorecard by its paths; seconds of each stage (`time_detect_s`, and of the
+    processor `cpu_detect_s` ...) and the memory that they took
     beyond what was there before (`memory_mb`); and as lists every error (`compared_columns`).
 
     Where the recipe fails, at whatever stage, the row says why and at which, and has the figures of the stages before.
@@ -90,12 +91,13 @@ def true_observations(run: Run, broken: bool = False) -> Observations:
 def _measured(frames: list[Frame], run: Run, recipe: Recipe, until: Until) -> dict[str, Any]:
     """The row's figures, as far as the recipe comes."""
     row: dict[str, Any] = {}
-    stage, begun = Until.DETECT, time.perf_counter()
+    stage, begun = Until.DETECT, _clocks()
 
     def done() -> None:
         nonlocal begun
-        row[f"time_{stage.value}_s"] = time.perf_counter() - begun
-        begun = time.perf_counter()
+        for clock, now in _clocks().items():
+            row[f"{clock}_{stage.value}_s"] = now - begun[clock]
+        begun = _clocks()
 
     score: DetectionScore | None = None
     try:
@@ -106,7 +108,7 @@ def _measured(frames: list[Frame], run: Run, recipe: Recipe, until: Until) -> di
         row |= flat(plain({"detection": score.card()})) | centre_columns(score, run.views)
         if until is Until.DETECT:
             return row
-        stage, begun = Until.CALIBRATE, time.perf_counter()
+        stage, begun = Until.CALIBRATE, _clocks()
         calibration = calibrate(seen, run.field, recipe)
         done()
         cameras = run.truth.cameras or {"": run.world}
@@ -118,7 +120,7 @@ def _measured(frames: list[Frame], run: Run, recipe: Recipe, until: Until) -> di
             row[KIND] = Kind.NOT_CONVERGED.value
         if until is Until.CALIBRATE:
             return row
-        stage, begun = Until.RECONSTRUCT, time.perf_counter()
+        stage, begun = Until.RECONSTRUCT, _clocks()
         points = reconstruct(seen, calibration, run.field, recipe)
         done()
         of_points = score_points(run.world, calibration, points)
@@ -130,6 +132,12 @@ def _measured(frames: list[Frame], run: Run, recipe: Recipe, until: Until) -> di
         raise
     except Exception as error:  # whatever somebody's algorithm does, the others are compared
         return row | _nothing_found(run, score) | failure_columns(error, stage.value)
+
+
+def _clocks() -> dict[str, float]:
+    """Seconds: `time` that has passed, and `cpu` that this process has worked, which other work beside it lengthens
+    far less."""
+    return {"time": time.perf_counter(), "cpu": time.process_time()}
 
 
 def _nothing_found(run: Run, score: DetectionScore | None) -> dict[str, Any]:

@@ -1,0 +1,103 @@
+"""`testfield regress record|check|history|selftest`: has a change of the code made a figure worse, and is it sure."""
+
+import argparse
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+from testfield.cli.show import add_load
+
+OUT = Path("renders/regress")
+
+
+def add(commands: Any) -> None:
+    """Enter the command."""
+    p = commands.add_parser(
+        "regress", help="hold a suite's figures against a recorded baseline, with certainty", description=__doc__
+    )
+    parts = p.add_subparsers(dest="part", metavar="record|check|history|selftest", required=True)
+    for name, what in (
+        ("record", "measure a suite and write its baseline beside it"),
+        ("check", "measure a suite again and judge every figure against its baseline"),
+    ):
+        q = parts.add_parser(name, help=what, description=what)
+        q.add_argument("suite", type=Path, metavar="SUITE.toml", help="a suite (FORMATS.md)")
+        _common(q)
+        q.add_argument("--budget", type=int, metavar="N", help="draws of noise at most, instead of the suite's")
+        q.add_argument("--baseline", type=Path, metavar="FILE", help="default: SUITE.baseline.json beside the suite")
+        add_load(q)
+        if name == "check":
+            q.add_argument("--junit", type=Path, metavar="FILE", help="default: junit.xml in the folder")
+            q.add_argument("--all", action="store_true", help="show figures that pass, too")
+    p.set_defaults(act=act)
+
+
+def _common(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--out", type=Path, default=OUT, metavar="FOLDER", help=f"kept cases, default: {OUT}")
+    parser.add_argument(
+        "--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes (default: one a core)"
+    )
+
+
+def act(args: argparse.Namespace) -> int:
+    """Do one of the parts. Exit status 0: all pass; 1: something is worse, missing or no number; 2: it could not run;
+    3: something is unknown after the budget."""
+    return {"record": _record, "check": _check}[args.part](args)
+
+
+def _record(args: argparse.Namespace) -> int:
+    from testfield.cli.show import jobs_of
+    from testfield.evaluate.regress.check import recorded
+    from testfield.evaluate.regress.suite import Suite, baseline_path
+    from testfield.store.lock import only_writer
+
+    suite = Suite.load(args.suite).within(args.budget)
+    path = args.baseline or baseline_path(args.suite)
+    with only_writer(args.out):
+        baseline, said = recorded(suite, args.out, jobs_of(args.jobs))
+    baseline.save(path)
+    for line in said:
+        print(f"not a number: {line}", file=sys.stderr)
+    print(f"{len(baseline.figures)} figures of {len(baseline.scenes)} scene(s), {baseline.draws} draws of noise")
+    print(path)
+    return 1 if said else 0
+
+
+def _check(args: argparse.Namespace) -> int:
+    from testfield.cli.show import jobs_of
+    from testfield.evaluate.regress.baseline import Baseline
+    from testfield.evaluate.regress.cases import setups_of
+    from testfield.evaluate.regress.check import checked, recorded
+    from testfield.evaluate.regress.notes import notes_of
+    from testfield.evaluate.regress.suite import Suite, baseline_path, candidate_path
+    from testfield.evaluate.regress.summary import counted, lines_of, write_junit, write_markdown
+    from testfield.evaluate.regress.verdict import status_of
+    from testfield.store.lock import only_writer
+
+    suite = Suite.load(args.suite).within(args.budget)
+    path, jobs = args.baseline or baseline_path(args.suite), jobs_of(args.jobs)
+    setups = setups_of(suite)
+    if not path.exists():
+        with only_writer(args.out):
+            recorded(suite, args.out, jobs)[0].save(candidate_path(args.suite))
+        print(f"missing: {path}; a candidate was stored in {candidate_path(args.suite)}: look at it, and rename it")
+        return 1
+    baseline = Baseline.load(path)
+    baseline.belongs_to(suite, setups, path)
+    with only_writer(args.out):
+        found = checked(suite, baseline, args.out, jobs)
+        if found.lacking:
+            recorded(suite, args.out, jobs)[0].save(candidate_path(args.suite))
+        notes = notes_of(suite, baseline, found)
+        write_junit(found.findings, suite.name, args.junit or args.out / "junit.xml")
+        write_markdown(found.findings, suite.name, notes, args.out / "summary.md")
+    for line in lines_of(found.findings, args.all):
+        print(line)
+    for note in notes:
+        print(note, file=sys.stderr)
+    if found.lacking:
+        print(f"a candidate was stored in {candidate_path(args.suite)}: look at it, and rename it", file=sys.stderr)
+    print(f"{suite.name}: {counted(found.findings)}")
+    print(args.out / "summary.md")
+    return status_of(found.findings)
