@@ -9,8 +9,8 @@ import pandas as pd
 from testfield.evaluate.compare import Compared, conclude
 from testfield.evaluate.compare_floor import Floor
 from testfield.evaluate.compare_page import write_comparison
-from testfield.evaluate.compared import BROKEN, SHIFT_PX, TRUTH
 from testfield.evaluate.comparison import Comparison, Factor
+from testfield.evaluate.known_rows import BROKEN, SHIFT_PX, TRUTH
 from testfield.evaluate.metrics import CENTRE, CORNER, POINTS
 from testfield.measure.recipe import Recipe
 

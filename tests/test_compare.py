@@ -12,11 +12,11 @@ import pytest
 
 from testfield.evaluate.bias import bias_and_spread, centre_errors
 from testfield.evaluate.compare import conclude, of_common
-from testfield.evaluate.compared import BROKEN, SHIFT_PX, TRUTH
 from testfield.evaluate.comparison import Comparison
 from testfield.evaluate.comparison_cases import cases_of
 from testfield.evaluate.failures import FAILURE
-from testfield.evaluate.metrics import CENTRE, COMMON
+from testfield.evaluate.known_rows import BROKEN, KNOWN, SHIFT_PX, TRUTH
+from testfield.evaluate.metrics import CENTRE, COMMON, CORNER, POINTS
 from testfield.measure.recipe import Algorithm, Recipe
 
 TINY = Path(__file__).parent / "torture" / "tiny.toml"
@@ -92,16 +92,33 @@ def test_a_truth_that_errs_or_a_broken_one_that_wins_condemns_the_page() -> None
     assert not conclude(rows, ["a", "b"], MATTERS).sane
 
 
+def test_any_known_figure_that_comes_out_otherwise_condemns_the_page() -> None:
+    def known(camera: float, points: float, zero: float) -> list[str]:
+        rows = rows_of(recipe=["a", "b", TRUTH, BROKEN], **{CENTRE.key: [0.01, 0.02, 0.0, SHIFT_PX / np.sqrt(2)]})
+        for key, found, must in ((CORNER.key, camera, 0.5), (POINTS.key, points, 0.2)):
+            rows[key] = [0.1, 0.1, zero, found]
+            rows[KNOWN + key] = [np.nan, np.nan, 0.0, must]
+        compared = conclude(rows, ["a", "b"], MATTERS)
+        assert compared.sane == (not compared.otherwise)
+        return [f"{row}, {key}" for _, row, key in compared.otherwise]
+
+    assert known(0.45, 0.2, 0.0) == []
+    assert known(0.1, 0.2, 0.0) == [f"{BROKEN}, {CORNER.key}"]
+    assert known(0.45, 0.201, 0.0) == [f"{BROKEN}, {POINTS.key}"]
+    assert len(known(0.45, np.nan, 0.0)) == 1  # no figure where there had to be one
+    assert known(0.45, 0.2, 1e-6) == [f"{TRUTH}, {CORNER.key}", f"{TRUTH}, {POINTS.key}"]
+
+
 def test_a_recipe_worse_than_what_is_broken_is_named_and_the_ruler_is_believed() -> None:
     rows = rows_of(recipe=["a", "b", TRUTH, BROKEN], **{CENTRE.key: [0.01, 0.6, 0.0, SHIFT_PX / np.sqrt(2)]})
     compared = conclude(rows, ["a", "b"], MATTERS)
-    assert compared.sane and compared.lost_to_broken == ["b"]
+    assert compared.sane and compared.lost_to_broken == {"b": [CENTRE.title]}
 
 
 def test_where_every_case_failed_the_tables_stand_and_nothing_is_believed() -> None:
     rows = rows_of(recipe=["a", "b", TRUTH, BROKEN], **{FAILURE: ["too few boards"] * 4})
     compared = conclude(rows, ["a", "b"], MATTERS)
-    assert not compared.sane and compared.lost_to_broken == [] and compared.summary.failed.tolist() == [1, 1]
+    assert not compared.sane and compared.lost_to_broken == {} and compared.summary.failed.tolist() == [1, 1]
 
 
 def test_a_comparison_without_any_figure_says_why_in_one_sentence(tmp_path: Path) -> None:

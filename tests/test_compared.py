@@ -16,8 +16,9 @@ from testfield.chain.run import Run, begin
 from testfield.errors import TestfieldError
 from testfield.evaluate import compared
 from testfield.evaluate.case import Case
-from testfield.evaluate.compared import BROKEN, SHIFT_PX, TRUTH, compared_row
+from testfield.evaluate.compared import compared_row
 from testfield.evaluate.failures import FAILURE, KIND, STAGE
+from testfield.evaluate.known_rows import BOARDS, BROKEN, KNOWN, SCALE, SHIFT_MM, TRUTH, as_known
 from testfield.evaluate.metrics import CENTRE, CORNER, POINTS
 from testfield.measure.outside import Program
 from testfield.measure.programs import run_program
@@ -67,11 +68,31 @@ def test_a_row_holds_every_error_its_time_and_its_memory(tiny: Run) -> None:
     assert row["ground_mm_per_px"] == pytest.approx(1.4, rel=0.15)
 
 
-def test_the_truth_scores_zero_and_what_is_broken_half_a_pixel(tiny: Run) -> None:
-    truth, broken = row_of(tiny, None, sanity=TRUTH), row_of(tiny, None, sanity=BROKEN)
+def as_they_must(run: Run) -> dict[str, float]:
+    """Asserts that both known rows come out as they must; returns what the broken one had to score."""
+    truth, broken = row_of(run, None, sanity=TRUTH), row_of(run, None, sanity=BROKEN)
+    keys = [name.removeprefix(KNOWN) for name in truth if name.startswith(KNOWN)]
+    assert CENTRE.key in keys and CORNER.key in keys
+    for key in keys:
+        assert truth[KNOWN + key] == 0 and as_known(key, truth[key], 0), (key, truth[key])
+        assert as_known(key, broken[key], broken[KNOWN + key]), (key, broken[key], broken[KNOWN + key])
+        assert not as_known(key, 0.0, broken[KNOWN + key]) or not broken[KNOWN + key]
     assert truth[CENTRE.key] == 0 and truth["detection.found_fraction"] == 1 and truth["detection.expected"] > 100
-    assert broken[CENTRE.key] == pytest.approx(SHIFT_PX / np.sqrt(2), rel=1e-9)
     assert truth["detection.wrong_code"] == truth["detection.false"] == truth["detection.missed"] == 0
+    return {key: broken[KNOWN + key] for key in keys}
+
+
+def test_the_truth_scores_zero_and_what_is_broken_what_it_was_broken_by(tiny: Run) -> None:
+    planted = as_they_must(tiny)
+    assert planted[CENTRE.key] == pytest.approx(0.5 / np.sqrt(2)) and planted[CORNER.key] > 0.3
+    assert planted[SCALE] == pytest.approx(1000, rel=1e-3)
+    truth = row_of(tiny, None, sanity=TRUTH)
+    assert max(np.abs(truth["camera_dx_px"]).max(), np.abs(truth["length_error_mm"]).max(initial=0)) < 1e-9
+
+
+def test_the_truth_scores_zero_in_a_world_of_several_boards_and_points(quick: Run) -> None:
+    planted = as_they_must(quick)
+    assert planted[BOARDS] == SHIFT_MM and planted[POINTS.key] > 0.1
 
 
 def test_what_is_not_asked_for_is_not_done(tiny: Run) -> None:
@@ -165,10 +186,7 @@ def test_memory_of_a_program_is_its_own_however_large_we_are_and_others_were(tmp
     assert all(190 < mb < 260 for mb in (*large, inside)) and small < 20 and held.all()
 
 
-@pytest.mark.parametrize("scene", ["charuco", "camera_cell"])
+@pytest.mark.parametrize("scene", ["charuco", "camera_cell", "on_a_hull"])
 def test_the_truth_scores_zero_whatever_a_scene_has(scene: str, tmp_path: Path) -> None:
     run, _ = begin(ROOT / f"scenes/{scene}.toml", tmp_path, None, 1)
-    truth, broken = row_of(run, None, sanity=TRUTH), row_of(run, None, sanity=BROKEN)
-    assert truth[CENTRE.key] == 0 and truth["detection.found_fraction"] == 1 and truth["detection.expected"] > 500
-    assert truth["detection.wrong_code"] == truth["detection.wrong_dot"] == truth["detection.false"] == 0
-    assert broken[CENTRE.key] == pytest.approx(SHIFT_PX / np.sqrt(2), rel=1e-9)
+    as_they_must(run)

@@ -8,11 +8,12 @@ import pytest
 from testfield.cli.compare import asked_for
 from testfield.cli.main import main, parser
 from testfield.errors import TestfieldError
-from testfield.evaluate.compared import BROKEN, TRUTH, Until
+from testfield.evaluate.compared import Until
 from testfield.evaluate.comparison import Comparison, Factor, recipes_of
 from testfield.evaluate.comparison_cases import cases_of
 from testfield.evaluate.execute import run_name, run_of
 from testfield.evaluate.keys import case_key
+from testfield.evaluate.known_rows import BROKEN, TRUTH
 
 ROOT = Path(__file__).parents[1]
 TINY = ROOT / "tests/torture/tiny.toml"

@@ -92,12 +92,14 @@ def act(args: argparse.Namespace) -> int:
         for row in table.itertuples():
             ends = f"{row.low:+.3g} to {row.high:+.3g}"
             print(f"{row.verdict:<11} {row.recipe:<18} {row.figure:<44} {row.difference:+.3g} {row.unit:<3} ({ends})")
-        for name in compared.lost_to_broken:
-            print(f"'{name}' errs more than centres that are wrong by half a pixel", file=sys.stderr)
+        for name, figures in compared.lost_to_broken.items():
+            print(f"'{name}' errs more than what is broken on purpose: {', '.join(figures)}", file=sys.stderr)
         if not compared.sane:
             print(
                 "the two rows whose outcome is known came out otherwise: nothing here can be believed", file=sys.stderr
             )
+            for scene, row, key in compared.otherwise:
+                print(f"  scene '{scene}', {row}: {key}", file=sys.stderr)
         print(place)
     return 0 if compared.sane else 1
 

@@ -8,10 +8,10 @@ import numpy as np
 import pandas as pd
 
 from testfield.evaluate.bias import bias_table, centre_errors
-from testfield.evaluate.compared import BROKEN, SHIFT_PX, TRUTH
 from testfield.evaluate.curves import curve, in_metrics
 from testfield.evaluate.failures import FAILURE, KIND, STAGE, Kind
-from testfield.evaluate.metrics import CENTRE, COMMON, METRICS, Metric
+from testfield.evaluate.known_rows import BROKEN, KNOWN, SHIFT_PX, TRUTH, as_known
+from testfield.evaluate.metrics import CENTRE, COMMON, CORNER, METRICS, POINTS, Metric
 from testfield.evaluate.paired import Difference, difference, together
 from testfield.evaluate.ranks import rank_intervals
 from testfield.evaluate.stated import stated_table
@@ -42,15 +42,33 @@ class Compared:
     @property
     def sane(self) -> bool:
         """Whether the truth scores zero, and what is broken scores what it was broken by."""
-        truth, broken = (_centre_px(self.sanity, name) for name in (TRUTH, BROKEN))
+        truth, broken = (_of(self.sanity, name, CENTRE) for name in (TRUTH, BROKEN))
         planted = (broken - SHIFT_PX / np.sqrt(2)).abs() < 1e-9
-        return bool(len(truth) and len(broken) and (truth.abs() < 1e-9).all() and planted.all())
+        centres = bool(len(truth) and len(broken) and (truth.abs() < 1e-9).all() and planted.all())
+        return centres and not self.otherwise
 
     @property
-    def lost_to_broken(self) -> list[str]:
-        """Recipes that err more, where they give centres, than what is broken on purpose, which should lose to all."""
-        broken = _centre_px(self.sanity, BROKEN).min()
-        return [name for name in self.summary.recipe if _centre_px(self.rows, name).mean() >= broken]
+    def otherwise(self) -> list[tuple[str, str, str]]:
+        """Scene, row and figure, by its key, that had to come out as it is known and did not."""
+        keys = [name.removeprefix(KNOWN) for name in self.sanity if name.startswith(KNOWN)]
+        return [
+            (row["scene"], row["recipe"], key)
+            for row in self.sanity.to_dict("records")
+            for key in keys
+            if np.isfinite(known := float(row[KNOWN + key])) and not as_known(key, float(row[key]), known)
+        ]
+
+    @property
+    def lost_to_broken(self) -> dict[str, list[str]]:
+        """Recipes that err more, and in which figures by their titles, than what is broken on purpose, which should
+        lose to all."""
+        found: dict[str, list[str]] = {}
+        for metric in (CENTRE, CORNER, POINTS):
+            broken = _of(self.sanity, BROKEN, metric)
+            for name in self.summary.recipe:
+                if _of(self.rows, name, metric).mean() >= broken.min():
+                    found.setdefault(name, []).append(metric.title)
+        return found
 
     @property
     def ground_um_per_px(self) -> float:
@@ -103,10 +121,10 @@ def why_nothing(rows: pd.DataFrame) -> str | None:
     return str(said.iloc[0]) if len(said) else None
 
 
-def _centre_px(rows: pd.DataFrame, recipe: str) -> pd.Series:
-    """A recipe's centre errors, not numbers where its cases failed."""
+def _of(rows: pd.DataFrame, recipe: str, metric: Metric) -> pd.Series:
+    """A recipe's figures in the row's unit, not numbers where its cases failed."""
     own = rows[rows.recipe == recipe]
-    return pd.to_numeric(own[CENTRE.key], errors="coerce") if CENTRE.key in own else pd.Series(np.nan, own.index)
+    return pd.to_numeric(own[metric.key], errors="coerce") if metric.key in own else pd.Series(np.nan, own.index)
 
 
 def table_of(own: pd.DataFrame, metric: Metric) -> pd.DataFrame:

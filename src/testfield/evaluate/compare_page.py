@@ -13,6 +13,8 @@ from testfield.evaluate.compare_look import colours_of, sortable
 from testfield.evaluate.compare_plots import Plots
 from testfield.evaluate.compare_tables import shown, tables_of, write_tables
 from testfield.evaluate.comparison import Comparison
+from testfield.evaluate.known_rows import BOARDS, SCALE
+from testfield.evaluate.metrics import CENTRE, CORNER, POINTS
 from testfield.evaluate.worst import Crop
 from testfield.evaluate.worst_drawings import crop_drawings
 from testfield.report.pages import page
@@ -23,6 +25,15 @@ GROUPS = ("crops", "differences", "recall", "lengths", "maps", "curves")
 """Groups of drawings, by how much a page would miss them."""
 DRAWN_BYTES = 1_700_000
 """Drawings beyond these stay beside the page, so that it can be sent by mail."""
+
+KNOWN_SHOWN = (
+    (CENTRE.key, "%.6f px"),
+    (CORNER.key, "%.6f px"),
+    (BOARDS, "%.6f mm"),
+    (SCALE, "%.4f ppm"),
+    (POINTS.key, "%.6f mm"),
+)
+"""Figures of the rows whose figures are known, and how they are written."""
 
 
 def write_comparison(
@@ -56,6 +67,7 @@ def write_comparison(
         shown={name: table.to_dict("records") for name, table in seen.items()},
         partial=_partial(compared),
         sanity=compared.sanity.to_dict("records"),
+        known=KNOWN_SHOWN,
         plots=plots,
         scripts=scripts,
         drawings=_inline(drawings),

@@ -4,16 +4,15 @@ import time
 from enum import Enum
 from typing import Any
 
-import numpy as np
-
 from testfield.camera.images import Frame
 from testfield.chain.recipe import recipe_of
 from testfield.chain.run import Run
-from testfield.detect.observations import MEASURED, Observations
+from testfield.detect.observations import Observations
 from testfield.errors import TestfieldError
 from testfield.evaluate.case import Case
 from testfield.evaluate.compared_columns import camera_columns, centre_columns, ground_mm, length_columns, point_columns
 from testfield.evaluate.failures import KIND, Kind, failure_columns
+from testfield.evaluate.known_rows import known_row
 from testfield.evaluate.measured import flat, frames_of
 from testfield.measure.pipeline import calibrate, detect, reconstruct
 from testfield.measure.recipe import Recipe
@@ -27,9 +26,6 @@ from testfield.store.digests import digest
 from testfield.store.memory import peak_memory
 from testfield.store.threads import one_blas_thread
 
-TRUTH, BROKEN = "the truth itself", "broken on purpose"
-SHIFT_PX = 0.5
-"""By which the broken one's centres are off in x: what half a pixel's mistake in conventions does."""
 NOT_CONVERGED = "had not converged"
 """What a calibration's notes say where its adjustment ended before it was at rest."""
 
@@ -48,15 +44,14 @@ def compared_row(case: Case, run: Run | None) -> list[dict[str, Any]]:
     beyond what was there before (`memory_mb`); and as lists every error (`compared_columns`).
 
     Where the recipe fails, at whatever stage, the row says why and at which, and has the figures of the stages before.
-    With the option `sanity` the centres are the true ones, or broken: such a row has figures of detection alone. Raises
-    `TestfieldError` where the case has no scene, or its images cannot be made.
+    With the option `sanity` it is one of the two rows whose figures are known (`known_rows`). Raises `TestfieldError`
+    where the case has no scene, or its images cannot be made.
     """
     if run is None:
         raise TestfieldError("this case has no scene to measure", str(case.labels), "give it one")
     ground = {"ground_mm_per_px": ground_mm(run.world, run.views)}
     if "sanity" in case.options:
-        score = score_detection(run.world, run.views, true_observations(run, case.options["sanity"] == BROKEN))
-        return [flat(plain({"detection": score.card()})) | ground | centre_columns(score, run.views)]
+        return [known_row(run, case.options["sanity"]) | ground]
     recipe = case.recipe or recipe_of(run.scene)
     recipe.check(recipe.name)
     frames = _frames(case, run)
@@ -67,25 +62,6 @@ def compared_row(case: Case, run: Run | None) -> list[dict[str, Any]]:
         with peak_memory() as memory:
             row = _measured(frames, run, recipe, until)
     return [row | ground | {"memory_mb": memory.mb}]
-
-
-def true_observations(run: Run, broken: bool = False) -> Observations:
-    """What a detector without any error would find of all expected targets; where broken, half a pixel to the right."""
-    views, marks = run.views, run.world.marks
-    station, mark = np.nonzero((views.visible == 1) & (views.diameter_px >= EXPECTED_PX))
-    n, size = len(mark), views.diameter_px[station, mark] / 4
-    return Observations(
-        stations=run.stations,
-        station=station,
-        xy_px=views.disc_px[station, mark] + [SHIFT_PX * broken, 0.0],
-        cov_px2=np.tile(np.eye(2), (n, 1, 1)),
-        moments_px2=size[:, None, None] ** 2 * np.eye(2),
-        code=marks.code[mark],
-        board=marks.board[mark],
-        point=marks.point[mark],
-        chi2=np.ones(n),
-        status=np.full(n, MEASURED, object),
-    )
 
 
 def _measured(frames: list[Frame], run: Run, recipe: Recipe, until: Until) -> dict[str, Any]:

@@ -9,8 +9,8 @@ import tomli_w
 
 from testfield.errors import TestfieldError, faults_in
 from testfield.evaluate.case import Case, case, changed
-from testfield.evaluate.compared import BROKEN, TRUTH
 from testfield.evaluate.comparison import Comparison, Factor
+from testfield.evaluate.known_rows import BROKEN, TRUTH
 from testfield.scene.load import load_scene, parse_scene
 
 UNKNOWN = "unknown field"
