@@ -17,12 +17,13 @@ import pytest
 from testfield.chain.run import Run
 from testfield.chain.stages import run_stage
 from testfield.errors import TestfieldError
-from testfield.evaluate import execute as module
 from testfield.evaluate import keys
 from testfield.evaluate.case import Case, case, changed, scene_table
 from testfield.evaluate.execute import _phases, case_key, execute, run_name
+from testfield.evaluate.kept_rows import KeptRows
 from testfield.measure.recipe import Algorithm, Recipe
 from testfield.store.code import sources
+from testfield.store.objects import Objects
 from testfield.store.work import each
 
 DONE: list[Any] = []
@@ -131,7 +132,7 @@ def test_rewording_a_page_throws_no_case_away() -> None:
 def test_a_damaged_file_of_a_case_is_made_again(tmp_path: Path) -> None:
     cases = _cases(range(2))
     whole = execute(cases, tmp_path)
-    damaged = module._file(tmp_path, case_key(cases[1]))
+    damaged = tmp_path / KeptRows(Objects(str(tmp_path))).file(case_key(cases[1]))
     damaged.write_bytes(damaged.read_bytes()[:60])
     DONE.clear()
     pd.testing.assert_frame_equal(execute(cases, tmp_path), whole)

@@ -23,6 +23,7 @@ MAY_IMPORT: dict[str, tuple[str, ...]] = {
     "registry": ("errors",),
     "choices": ("registry",),
     "store": ("errors", "version"),
+    "cluster": ("errors", "version", "registry", "store"),
     "statistics": ("errors", "seeds", "store"),
     "targets": GROUND,
     "camera": GROUND,
@@ -48,7 +49,7 @@ MAY_IMPORT: dict[str, tuple[str, ...]] = {
     "bench": (*RESULTS, "plan", "report", "chain", "evaluate", "certify"),
     "study": (*RESULTS, "report", "chain", "evaluate", "bench"),
     "api": (*RESULTS, "report", "chain", "evaluate"),
-    "cli": (*RESULTS, "plan", "report", "chain", "evaluate", "certify", "bench", "study", "api"),
+    "cli": (*RESULTS, "plan", "cluster", "report", "chain", "evaluate", "certify", "bench", "study", "api"),
     "__init__": ("version", "api"),
     "__main__": ("cli",),
 }

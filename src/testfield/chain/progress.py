@@ -17,12 +17,13 @@ SHARE = 0.1
 
 
 @contextmanager
-def bar(title: str, total: float, unit: str) -> Iterator[Callable[[float], None]]:
-    """A bar that is moved by calling what this yields with the amount done since the last call."""
+def bar(title: str, total: float, unit: str, before: float = 0.0) -> Iterator[Callable[[float], None]]:
+    """A bar that is moved by calling what this yields with the amount done since the last call. What was done `before`
+    says nothing of how fast it goes now."""
     if sys.stderr.isatty():
-        yield from _bar(title, total, unit)
+        yield from _bar(title, total, unit, before)
     else:
-        yield from _Lines(title, total, unit).run()
+        yield from _Lines(title, total, unit, before).run()
 
 
 @contextmanager
@@ -35,11 +36,18 @@ def step(title: str) -> Iterator[None]:
         yield
 
 
-def _bar(title: str, total: float, unit: str) -> Iterator[Callable[[float], None]]:
+def say(title: str, what: str) -> None:
+    """One line about a piece of work, before it begins."""
+    print(f"{title}: {what}", file=sys.stderr, flush=True)
+
+
+def _bar(title: str, total: float, unit: str, before: float) -> Iterator[Callable[[float], None]]:
     from tqdm import tqdm
 
     layout = "{desc:<12}{percentage:3.0f}% |{bar:30}| {n:.0f}/{total:.0f} {unit}  {elapsed}<{remaining}"
-    with tqdm(total=total, desc=title, unit=unit, leave=True, bar_format=layout, mininterval=0.2) as meter:
+    with tqdm(
+        total=total, desc=title, unit=unit, leave=True, bar_format=layout, mininterval=0.2, initial=before
+    ) as meter:
 
         def move(amount: float) -> None:
             # Fractions of a unit do not add up to exactly one.
@@ -51,9 +59,9 @@ def _bar(title: str, total: float, unit: str) -> Iterator[Callable[[float], None
 class _Lines:
     """Plain lines: at the beginning, after every tenth or 15 s, at the end. A total of 0 is one step."""
 
-    def __init__(self, title: str, total: float, unit: str):
+    def __init__(self, title: str, total: float, unit: str, before: float = 0.0):
         self.title, self.total, self.unit = title, total, unit
-        self.done, self.said = 0.0, 0.0  # amounts
+        self.done, self.said, self.before = before, before, before  # amounts
         self.begun = time.monotonic()
         self.last: float | None = None
         """When the last line was; none yet."""
@@ -83,7 +91,7 @@ class _Lines:
     def say(self, what: str) -> None:
         """One line."""
         self.last, self.said = time.monotonic(), self.done
-        print(f"{self.title}: {what}", file=sys.stderr, flush=True)
+        say(self.title, what)
 
     def _watch(self) -> None:
         if self.ended.wait(SILENT_S):
@@ -99,7 +107,8 @@ class _Lines:
         gone = time.monotonic() - self.begun
         if not self.total:
             return f"{spoken_s(gone)} so far"
-        rest = f", about {spoken_s(gone * (self.total / self.done - 1))} to go" if self.done else ""
+        now = self.done - self.before
+        rest = f", about {spoken_s(gone * (self.total - self.done) / now)} to go" if now else ""
         return f"{self.done:.0f} of {self.total:.0f} {self.unit} ({100 * self.done / self.total:.0f} %){rest}"
 
     def _finish(self) -> None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from testfield.evaluate.comparison import Comparison
 
+from testfield.cli.clusters import add_cluster, cluster_of
 from testfield.cli.show import add_load
 
 
@@ -50,6 +51,7 @@ def add(commands: Any) -> None:
     )
     p.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes (default: one a core)")
     p.add_argument("--json", action="store_true", help="print differences and summary as one JSON object")
+    add_cluster(p)
     add_load(p)
     p.set_defaults(act=act)
 
@@ -76,7 +78,8 @@ def act(args: argparse.Namespace) -> int:
     cases = cases_of(comparison)
     names = [recipe.name for recipe in comparison.recipes]
     with only_writer(args.out):
-        rows = execute(cases, args.out, jobs_of(args.jobs), "compare")
+        with cluster_of(args, args.out) as pool:
+            rows = execute(cases, args.out, jobs_of(args.jobs), "compare", pool=pool)
         if said := why_nothing(rows):
             raise TestfieldError(said)
         compared = conclude(rows, names, comparison.matters)

@@ -31,6 +31,7 @@ MODULES = (
     "plan",
     "certify",
     "bench",
+    "worker",
     "codes",
     "list",
     "schema",
@@ -44,7 +45,7 @@ GROUPS = {
     "one stage of a run": ("render", "expose", "detect", "calibrate", "reconstruct", "score", "report"),
     "photographs": ("measure", "codes"),
     "ways to measure": ("compare", "regress", "export", "new", "study"),
-    "the program itself": ("certify", "bench"),
+    "the program itself": ("certify", "bench", "worker"),
     "to look up": ("list", "schema", "completion"),
 }
 """Commands in the order in which they are shown."""

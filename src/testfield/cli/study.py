@@ -5,6 +5,7 @@ import os
 from pathlib import Path
 from typing import Any
 
+from testfield.cli.clusters import add_cluster, cluster_of
 from testfield.store.text import read_text
 
 
@@ -19,6 +20,7 @@ def add(commands: Any) -> None:
     p.add_argument("--out", type=Path, metavar="FOLDER", help="default: renders/study-NAME, with --quick -quick")
     p.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes (default: one a core)")
     p.add_argument("--json", action="store_true", help="print the findings as one JSON object")
+    add_cluster(p)
     p.set_defaults(act=act)
 
 
@@ -33,8 +35,8 @@ def act(args: argparse.Namespace) -> int:
 
     study = find_study(args.name)
     folder = args.out or Path("renders") / f"study-{study.name}{'-quick' if args.quick else ''}"
-    with only_writer(folder):
-        results = run_study(study, folder, args.quick, jobs_of(args.jobs), args.so_far)
+    with only_writer(folder), cluster_of(args, folder) as pool:
+        results = run_study(study, folder, args.quick, jobs_of(args.jobs), args.so_far, pool)
     if args.json:
         print(read_text(folder / "findings.json"))
         return 0

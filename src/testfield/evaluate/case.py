@@ -24,7 +24,8 @@ class Case:
     work is told besides (methods, subsets, exposures). `noise_seed` draws the frames' noise anew (None: the scene's
     own), in memory: such a case leaves its run's folder as rendering made it. `recipe` says how they are measured
     (None: as the scene asks). `folder` is what files are relative to that the scene names; where it lies does not
-    count, what is in the files does. `weight` is the work in units of the table's own, for progress.
+    count, what is in the files does. `weight` is the work in units of the table's own, for progress. `copies` are
+    where these files lie on this machine, by the names of their copies, where that is not in `folder`.
     """
 
     labels: dict[str, Any]
@@ -35,11 +36,14 @@ class Case:
     noise_seed: int | None = None
     recipe: Recipe | None = None
     folder: Path | None = None
+    copies: Mapping[str, Path] | None = None
 
     @property
     def files(self) -> dict[str, Path]:
         """Files that the scene names, by where a run's folder keeps its copy of each; none of a scene without
         folder."""
+        if self.copies is not None:
+            return dict(self.copies)
         if self.scene is None or self.folder is None:
             return {}
         meshes, around = self.scene.get("meshes"), (self.scene.get("room") or {}).get("environment")

@@ -1,4 +1,4 @@
-"""A table of cases is done: kept, resumable, in as many processes as asked for.
+"""A table of cases is done: kept, resumable, in as many processes as asked for, on this machine or on many.
 
 Cases of the same scene share a run's folder, and with it every stage that one of them has made; they are done by one
 process, one after the other, so that nothing is made twice; only draws of noise, which leave the folder as it is, are
@@ -7,6 +7,8 @@ digest of the case and of the code it was measured with: after a kill, the next 
 """
 
 import shutil
+import time
+from dataclasses import dataclass, replace
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -20,12 +22,21 @@ from testfield.chain.progress import bar
 from testfield.chain.run import Run, begin
 from testfield.errors import TestfieldError
 from testfield.evaluate.case import Case
+from testfield.evaluate.cost import say_cost
 from testfield.evaluate.failures import FAILURE
+from testfield.evaluate.kept_rows import Found, KeptRows
 from testfield.evaluate.keys import case_key, file_digests
+from testfield.evaluate.travel import packed, scratch_of, unpacked
 from testfield.store.atomic import whole
 from testfield.store.digests import digest
+from testfield.store.objects import Objects
 from testfield.store.text import write_text
 from testfield.store.work import Pool, each
+
+BATCHES = 16
+"""So many batches of cases without a scene go to each process of a cluster, so that all end at about the same time."""
+LARGEST_BATCH = 50
+"""Cases in a batch at most: what the scheduler is asked for each must be little beside the work."""
 
 
 def execute(
@@ -39,26 +50,36 @@ def execute(
     """All cases' rows, in the order of the cases, labels first; written to `folder`/results.parquet too.
 
     They are done by `jobs` processes of this machine, or by a `pool` whose workers see the same folder (a client of
-    Dask is one). With `so_far` nothing is done any more: the rows are those of the cases that are finished.
+    Dask is one), or the pool's own `store`, where it has one. With `so_far` nothing is done any more: the rows are
+    those of the cases that are finished.
 
     A case that fails with a `TestfieldError`, or on a singular matrix, gives one row that says why under `failure`; it
     is tried again by the next call. Any other error ends the work, with all finished cases kept. Raises
     `TestfieldError` where a case occurs twice.
     """
+    at = _Place.of(folder, pool)
     keys = [case_key(case) for case in cases]
-    kept = [_kept(folder, key) for key in keys]
+    kept = list(at.kept.read_all(keys))
     if so_far:
-        there = [k for k, rows in enumerate(kept) if rows is not None]
+        there = [k for k, found in enumerate(kept) if found is not None]
         cases, keys, kept = [cases[k] for k in there], [keys[k] for k in there], [kept[k] for k in there]
     repeated = len(keys) - len(set(keys))
     if repeated:
         raise TestfieldError(f"{repeated} case(s) occur twice", str(folder), "give each case labels of its own")
-    missing = [k for k, rows in enumerate(kept) if rows is None]
-    failed = _do([cases[k] for k in missing], [keys[k] for k in missing], cases, folder, jobs, title, pool)
+    missing = [k for k, found in enumerate(kept) if found is None]
+    failed = _do(missing, cases, keys, kept, at, jobs, title, pool) if missing else {}
+    done = iter(at.kept.read_all([keys[k] for k in missing if keys[k] not in failed]))
     tables = []
     for case, key, found in zip(cases, keys, kept, strict=True):
-        rows = pd.DataFrame([{FAILURE: failed[key]}]) if key in failed else found
-        rows = pd.read_parquet(_file(folder, key)) if rows is None else rows
+        if key in failed:
+            rows = pd.DataFrame([{FAILURE: failed[key]}])
+        else:
+            found = found or next(done)
+            if found is None:
+                raise TestfieldError(
+                    "the rows of a finished case have gone", f"{at.kept.place.where}/{at.kept.file(key)}", "go on"
+                )
+            rows = found.rows
         own = {name: value for name, value in case.labels.items() if name not in rows}
         tables.append(pd.concat([pd.DataFrame(own, index=rows.index), rows], axis=1))
     table = pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
@@ -67,9 +88,29 @@ def execute(
     return table
 
 
-def finished(cases: list[Case], folder: Path) -> list[Case]:
-    """Those of the cases whose rows are kept in a folder."""
-    return [case for case in cases if _kept(folder, case_key(case)) is not None]
+def finished(cases: list[Case], folder: Path, pool: Pool | None = None) -> list[Case]:
+    """Those of the cases whose rows are kept in a folder, or in a pool's own store."""
+    kept = _Place.of(folder, pool).kept
+    found = kept.read_all([case_key(case) for case in cases])
+    return [case for case, rows in zip(cases, found, strict=True) if rows is not None]
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Where cases are done: runs below `folder` (None: each process has a folder of its own, because nobody else sees
+    the parent's), rows in `kept`; `away` from this process' own children, where code may differ and work may be given
+    twice."""
+
+    folder: Path | None
+    kept: KeptRows
+    away: bool
+
+    @staticmethod
+    def of(folder: Path, pool: Pool | None) -> "_Place":
+        folder = folder.resolve()  # others work elsewhere
+        store = getattr(pool, "store", None) or Objects(str(folder))
+        shared = folder if getattr(pool, "store", None) is None else store.folder
+        return _Place(shared, KeptRows(store), hasattr(pool, "processes"))
 
 
 def run_name(case: Case) -> str | None:
@@ -89,30 +130,59 @@ def do_case(case: Case, folder: Path) -> list[dict[str, Any]]:
 
 
 def _do(
-    todo: list[Case], keys: list[str], all_cases: list[Case], folder: Path, jobs: int, title: str, pool: Pool | None
+    missing: list[int],
+    cases: list[Case],
+    keys: list[str],
+    found: list[Found | None],
+    at: _Place,
+    jobs: int,
+    title: str,
+    pool: Pool | None,
 ) -> dict[str, str]:
-    """Do what is missing of all cases and keep its rows; why cases failed, by key."""
-    for key in keys:
-        _file(folder, key).unlink(missing_ok=True)  # what is there cannot be read
+    """Do those cases that are missing and keep their rows; why cases failed, by key."""
+    there = at.kept.list()
+    for key in (keys[k] for k in missing if at.kept.file(keys[k]).rpartition("/")[2] in there):
+        at.kept.remove(key)  # what is there cannot be read
     failed: dict[str, str] = {}
-    total = sum(case.weight for case in all_cases)
-    with bar(title, total, "cases" if total == len(all_cases) else "units") as move:
-        move(total - sum(case.weight for case in todo))
-        for groups in _phases(todo, jobs if pool is None else 1):
-            at = [k for group in groups for k in group]
-            place = {k: number for number, k in enumerate(at)}
+    processes = getattr(pool, "processes", lambda: jobs)()
+    say_cost(title, cases, found, processes)
+    total, before = sum(case.weight for case in cases), sum(cases[k].weight for k in range(len(cases)) if found[k])
+    todo = [cases[k] for k in missing]
+    # Draws of one scene go to several processes only where all of them see its folder.
+    apart = processes if at.folder is not None and (pool is None or at.away) else 1
+    with bar(title, total, "cases" if total == len(cases) else "units", before) as move:
+        for groups in _phases(todo, apart):
+            groups = _batched(groups, todo, processes) if at.away else groups
+            order = [k for group in groups for k in group]
+            place = {k: number for number, k in enumerate(order)}
+            of = [missing[k] for k in order]
             reasons = each(
-                partial(_try, folder=folder),
-                [(todo[k], keys[k]) for k in at],
+                partial(_try, at=at),
+                [(_sent(cases[k], at), keys[k]) for k in of],
                 jobs,
                 pool=pool,
                 groups=[[place[k] for k in group] for group in groups],
                 # A group may work for an hour, so what it has finished is seen from the files it leaves.
-                kept=lambda number, at=at: _file(folder, keys[at[number]]).is_file(),  # type: ignore[misc]
-                moved=lambda number, at=at: move(todo[at[number]].weight),  # type: ignore[misc]
+                kept=lambda number, of=of: at.kept.seen(keys[of[number]]),  # type: ignore[misc]
+                moved=lambda number, of=of: move(cases[of[number]].weight),  # type: ignore[misc]
             )
-            failed |= {keys[k]: reason for k, reason in zip(at, reasons, strict=True) if reason}
+            failed |= {keys[k]: reason for k, reason in zip(of, reasons, strict=True) if reason}
     return failed
+
+
+def _sent(case: Case, at: _Place) -> Case:
+    """A case as other processes get it."""
+    if at.folder is None:
+        return packed(case, at.kept.place)
+    return case if case.folder is None else replace(case, folder=case.folder.resolve())
+
+
+def _batched(groups: list[list[int]], todo: list[Case], processes: int) -> list[list[int]]:
+    """Groups of cases by number, those of cases that share nothing, because they have no scene, put together."""
+    alone = [k for group in groups for k in group if todo[k].scene is None]
+    size = min(max(len(alone) // (BATCHES * max(processes, 1)), 1), LARGEST_BATCH)
+    batches = [alone[k : k + size] for k in range(0, len(alone), size)]
+    return [group for group in groups if todo[group[0]].scene is not None] + batches
 
 
 def _phases(todo: list[Case], jobs: int) -> list[list[list[int]]]:
@@ -157,28 +227,28 @@ def run_of(case: Case, folder: Path) -> Run:
 _last: tuple[str, Run] | None = None
 
 
-def _try(item: tuple[Case, str], folder: Path) -> str | None:
-    """Do a case and keep its rows under its key; why it failed, or None."""
+def _try(item: tuple[Case, str], at: _Place) -> str | None:
+    """Do a case and keep its rows under its key; why it failed, or None. Raises `TestfieldError` where this process
+    would measure it with other code than its parent's."""
     case, key = item
+    if at.away and at.kept.there(key):
+        return None  # by a process that was lost before it could tell
+    folder = at.folder
+    if folder is None:
+        folder = scratch_of(run_name(case))
+        case = unpacked(case, at.kept.place, folder)
+    if at.away and case_key(case) != key:
+        raise TestfieldError(
+            f"this worker has other code than the program for '{case.work}' or an algorithm it uses",
+            "",
+            "install the same versions of the program, its packages and your own there",
+        )
+    begun = time.perf_counter()
     try:
         rows = do_case(case, folder)
     except TestfieldError as error:
         return error.sentence()
     except np.linalg.LinAlgError as error:
         return f"linear algebra gave up: {error}"
-    with whole(_file(folder, key)) as path:
-        pd.DataFrame(rows).to_parquet(path, index=False)
+    at.kept.write(key, rows, time.perf_counter() - begun)
     return None
-
-
-def _kept(folder: Path, key: str) -> pd.DataFrame | None:
-    """The rows that are kept of a case, or None where there are none that can be read."""
-    path = _file(folder, key)
-    try:
-        return pd.read_parquet(path) if path.is_file() else None
-    except (OSError, ValueError):
-        return None
-
-
-def _file(folder: Path, key: str) -> Path:
-    return folder / "cases" / f"{key[:32]}.parquet"

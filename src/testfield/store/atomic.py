@@ -1,6 +1,8 @@
 """Files that are whole or absent."""
 
+import hashlib
 import os
+import platform
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -8,10 +10,13 @@ from pathlib import Path
 
 from testfield.store.processes import running
 
+HOST = hashlib.sha256(platform.node().encode()).hexdigest()[:8]
+"""This machine, as names of parts have it: in a folder that many machines see, numbers of processes repeat."""
+
 
 def part_path(path: Path) -> Path:
     """Where this process writes `path` before it is put in its place."""
-    return path.with_name(f".{path.stem}.part{os.getpid()}{path.suffix}")
+    return path.with_name(f".{path.stem}.part{os.getpid()}-{HOST}{path.suffix}")
 
 
 def settle(part: Path) -> None:
@@ -34,8 +39,9 @@ def whole(path: Path) -> Iterator[Path]:
 
 
 def sweep(folder: Path) -> None:
-    """Remove the parts that processes which are gone left in a folder and below. Those of a living process stay."""
+    """Remove the parts that processes of this machine which are gone left in a folder and below. Those of a living
+    process stay, and those of other machines: of them nothing is known."""
     for part in list(folder.rglob(".*.part[0-9]*")):
-        number = re.search(r"\.part(\d+)", part.name)
-        if number and not running(int(number[1])):
+        found = re.search(r"\.part(\d+)(?:-([0-9a-f]{8}))?", part.name)
+        if found and found[2] in (None, HOST) and not running(int(found[1])):
             part.unlink(missing_ok=True)

@@ -1,30 +1,54 @@
 """The one executor: items of work done by this process or by several, results in the order of the items.
 
 Who wants finished work kept has the function write it to a file under its key; then a killed worker or an interrupt
-loses only the items at hand. Workers end with the process that began them (`testfield.store.pool`).
+loses only the items at hand. Workers end with the process that began them (`testfield.store.pool`); those of a pool
+that is given, like a cluster's, may come and go, and what they lost is given again.
 """
 
 import os
-import sys
+import time
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from multiprocessing.synchronize import Event
-from threading import Event as Signal
+from dataclasses import dataclass
+from queue import Empty, SimpleQueue
 from typing import Any, Protocol, TypeVar
 
+from testfield.errors import TestfieldError
 from testfield.store.pool import SPAWN, process_pool
 
 LOOK_S = 0.3
-"""How often it is asked what a group that still works has finished."""
+"""How often it is asked what a group that still works has finished, and no more often than costs `LOOK_SHARE`."""
+LOOK_SHARE = 0.05
+"""The part of the time that may be spent on asking."""
+TRIES = 3
+"""So often a group is given to a pool whose processes die of it without having finished anything more."""
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 
 class Pool(Protocol):
-    """Where work runs: of `concurrent.futures`, and of Dask's client, only this is used."""
+    """Where work runs: of `concurrent.futures`, and of Dask's client, only this is used.
+
+    A pool may also have `at_once()`, how many groups it is given at a time (all, where it has none), and its futures
+    may raise `Lost`.
+    """
 
     def submit(self, function: Callable[..., Any], /, *arguments: Any) -> Any:
         """A future of the function's result, with `done`, `result` and `add_done_callback`."""
+
+
+class Lost(Exception):
+    """A group's results are lost, because its process or the pool has ended; it is to be given again. `blamed` is
+    whether processes died at work on it, so that it may be the group itself that ends them."""
+
+    def __init__(self, said: str, blamed: bool = False):
+        super().__init__(said, blamed)
+        self.said, self.blamed = said, blamed
+
+
+class Unwanted(Exception):
+    """In a process of a pool: nobody waits for the rest of a group."""
 
 
 def each(function: Callable[[Item], Result], items: Sequence[Item], jobs: int = 1, **how: Any) -> Iterator[Result]:
@@ -82,6 +106,16 @@ def _here(function: Callable, items: Sequence[Any], parts: list[list[int]]) -> D
         yield k, function(items[k])
 
 
+@dataclass
+class _Given:
+    """A group that is given to a pool: items by number, how many were finished when it was given, and how often it has
+    ended processes since it last got on."""
+
+    part: list[int]
+    finished: int = 0
+    tries: int = 0
+
+
 def _elsewhere(
     function: Callable,
     items: Sequence[Any],
@@ -89,27 +123,65 @@ def _elsewhere(
     opened: AbstractContextManager[Pool],
     kept: Callable[[int], bool],
 ) -> Done:
-    awake = Signal()
+    ready: SimpleQueue[Any] = SimpleQueue()
+    waiting, given = deque(_Given(part) for part in parts), dict[Any, _Given]()
+    look = 0.0
     with opened as pool:
-        left = {pool.submit(_group, function, [items[k] for k in part]): part for part in parts}
-        for future in left:
-            future.add_done_callback(lambda _: awake.set())
-        while left:
-            awake.wait(LOOK_S)
-            awake.clear()
-            for future in list(left):
-                if future.done():
-                    yield from zip(left.pop(future), future.result(), strict=True)
+        at_once = getattr(pool, "at_once", lambda: len(parts))
+        while waiting or given:
+            while waiting and len(given) < at_once():
+                group = waiting.popleft()
+                future = pool.submit(_group, function, [items[k] for k in group.part])
+                given[future] = group
+                future.add_done_callback(ready.put)
+            for future in _ready(ready):
+                if future not in given:
+                    continue
+                group = given.pop(future)
+                try:
+                    results = future.result()
+                except Lost as lost:
+                    waiting.appendleft(_again(group, lost, kept))
                 else:
-                    yield from ((k,) for k in left[future] if kept(k))
+                    yield from zip(group.part, results, strict=True)
+            if time.monotonic() >= look:
+                begun = time.monotonic()
+                yield from ((k,) for group in given.values() for k in group.part if kept(k))
+                now = time.monotonic()
+                look = now + max(LOOK_S, (now - begun) / LOOK_SHARE)
+
+
+def _ready(ready: SimpleQueue) -> Iterator[Any]:
+    """What has been put into a queue, after no more than `LOOK_S`."""
+    try:
+        yield ready.get(timeout=LOOK_S)
+        while True:
+            yield ready.get_nowait()
+    except Empty:
+        return
+
+
+def _again(group: _Given, lost: Lost, kept: Callable[[int], bool]) -> _Given:
+    """A group to be given again. Raises `TestfieldError` where it ends processes and gets no further."""
+    finished = sum(kept(k) for k in group.part)
+    if finished > group.finished:
+        group.finished, group.tries = finished, 0
+    group.tries += lost.blamed
+    if group.tries >= TRIES:
+        raise TestfieldError(
+            f"the same work has ended {TRIES} times with its process ({lost.said})",
+            "",
+            "what is finished is kept; see whether the processes have enough memory, and give the same command again",
+        ) from lost
+    return group
 
 
 def _group(function: Callable, items: list[Any]) -> list[Any]:
     """What a process of the pool does."""
     results = []
     for item in items:
-        if _end is not None and _end.is_set():
-            sys.exit()  # nobody waits for the rest
+        if unwanted():
+            raise Unwanted
         results.append(function(item))
     return results
 
@@ -126,11 +198,20 @@ def local_pool(jobs: int) -> Iterator[Pool]:
             raise
 
 
-_end: Event | None = None
-"""In a process of the pool: set when it is to stop after the item at hand."""
+def unwanted() -> bool:
+    """In a process of a pool: whether it is to stop after the item at hand."""
+    return _stops()
 
 
-def _start(end: Event) -> None:
-    global _end
-    _end = end
+def stop_when(asked: Callable[[], bool]) -> None:
+    """Have this process, one of a pool, stop after the item at hand when `asked` says so."""
+    global _stops
+    _stops = asked
+
+
+_stops: Callable[[], bool] = bool
+
+
+def _start(end: Any) -> None:
+    stop_when(end.is_set)
     os.environ["TQDM_DISABLE"] = "1"

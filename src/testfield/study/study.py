@@ -16,6 +16,7 @@ from testfield.score.scorecard import plain
 from testfield.store.atomic import whole
 from testfield.store.stamp import stamp
 from testfield.store.text import write_text
+from testfield.store.work import Pool
 from testfield.study.conclusion import concluded, read_conclusion
 from testfield.study.finding import Finding, Outcome, verdict_of
 
@@ -92,8 +93,11 @@ class Extent:
     quick: bool
 
 
-def run_study(study: Study, folder: Path, quick: bool, jobs: int, so_far: bool = False) -> Results:
-    """Do what is missing of a study's cases, and write its page, figures, their data and `findings.json`.
+def run_study(
+    study: Study, folder: Path, quick: bool, jobs: int, so_far: bool = False, pool: Pool | None = None
+) -> Results:
+    """Do what is missing of a study's cases, by `jobs` processes or a `pool`, and write its page, figures, their data
+    and `findings.json`.
 
     With `so_far` nothing is done any more: the findings are those of the finished cases. Raises `TestfieldError` where
     there are none, or where all failed.
@@ -101,10 +105,10 @@ def run_study(study: Study, folder: Path, quick: bool, jobs: int, so_far: bool =
     from testfield.study.page import write_page
 
     cases = study.cases(quick)
-    table = execute(cases, folder, jobs, study.name, so_far)
+    table = execute(cases, folder, jobs, study.name, so_far, pool)
     if table.empty:
         raise TestfieldError("no case is finished", str(folder), f"begin with `testfield study {study.name}`")
-    done = len(finished(cases, folder)) if so_far else len(cases)
+    done = len(finished(cases, folder, pool)) if so_far else len(cases)
     good = table[table[FAILURE].isna()].drop(columns=FAILURE) if FAILURE in table else table
     if good.empty:
         raise TestfieldError(
