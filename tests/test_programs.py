@@ -158,7 +158,7 @@ BAD = {
     '[centroid]\ncommand = "sh {csv}"': ("centroid", "[detector]"),
     'load = "nowhere.py"': ("load", "nowhere.py"),
     'finder = "mine"': ("finder", "mine"),
-    "[environment]\npackages = []": ("environment.packages", "at least 1"),
+    "[environment]\npackages = []": ("environment.packages", "1 or more"),
 }
 
 

@@ -1,4 +1,4 @@
-"""`testfield validate SCENE`: check a scene file without rendering."""
+"""`testfield validate FILE`: check a scene, a recipe or a comparison without rendering."""
 
 import argparse
 from pathlib import Path
@@ -14,16 +14,36 @@ if TYPE_CHECKING:
 def add(commands: Any) -> None:
     """Enter the command."""
     p = commands.add_parser(
-        "validate", help="check a scene file and say what it holds, without rendering", description=__doc__
+        "validate",
+        help="check a scene, a recipe or a comparison and say what it holds, without rendering",
+        description=__doc__,
     )
-    p.add_argument("scene", type=Path, metavar="SCENE", help="a scene file (TOML), or the name of one that comes along")
+    p.add_argument(
+        "scene",
+        type=Path,
+        metavar="FILE",
+        help="a scene file (TOML), or the name of one that comes along; a recipe's or a comparison's file",
+    )
     p.add_argument("--json", action="store_true", help="print one JSON object")
     add_load(p)
     p.set_defaults(act=act)
 
 
 def act(args: argparse.Namespace) -> int:
-    """Say what is wrong, or what the scene holds."""
+    """Say what is wrong, or what the file holds."""
+    from testfield.evaluate.comparison import is_comparison
+    from testfield.measure.recipe_file import is_recipe
+    from testfield.scene.schema import SceneFile
+    from testfield.store.toml import toml_or_nothing
+
+    if is_comparison(args.scene):
+        return _comparison(args)
+    if is_recipe(toml_or_nothing(args.scene), SceneFile.model_fields):
+        return _recipe(args)
+    return _scene(args)
+
+
+def _scene(args: argparse.Namespace) -> int:
     import json
 
     from testfield.chain.run import Run, examined
@@ -41,6 +61,48 @@ def act(args: argparse.Namespace) -> int:
         print(json.dumps({"scene": str(path), "valid": True, "warnings": warnings} | held))
     else:
         _show(path, held)
+    return 0
+
+
+def _recipe(args: argparse.Namespace) -> int:
+    """The parts of a recipe, with signatures checked and programs found; an environment that it names is made."""
+    import json
+
+    from testfield.measure.recipe import Recipe
+
+    recipe = Recipe.load(args.scene)
+    parts = recipe.parts
+    if args.json:
+        print(json.dumps({"recipe": str(args.scene), "valid": True, "name": recipe.name, "parts": parts}))
+        return 0
+    print(f"{args.scene}: {good('valid')}")
+    for stage, what in parts.items():
+        print(f"  {stage:<13} {what}")
+    return 0
+
+
+def _comparison(args: argparse.Namespace) -> int:
+    """The size of a comparison, with its scenes, factors and recipes checked."""
+    import json
+
+    from testfield.cli.show import show_warnings
+    from testfield.evaluate.comparison import Comparison
+    from testfield.evaluate.comparison_cases import cases_of, setups_of
+
+    comparison = Comparison.load(args.scene)
+    setups, few = setups_of(comparison), len(comparison.recipes) < 2
+    warnings = ["a comparison takes two recipes: `testfield compare` needs --recipes beside this file"] if few else []
+    cases = None if few else len(cases_of(comparison))
+    names = [recipe.name for recipe in comparison.recipes]
+    show_warnings(warnings)
+    held = {"scenes": len(comparison.scenes), "setups": len(setups), "draws": comparison.draws, "cases": cases}
+    if args.json:
+        head = {"comparison": str(args.scene), "valid": True, "warnings": warnings}
+        print(json.dumps(head | {"recipes": names} | held))
+        return 0
+    print(f"{args.scene}: {good('valid')}")
+    print(f"  recipes: {', '.join(names)}")
+    print("  " + ", ".join(f"{name}: {value}" for name, value in held.items() if value is not None))
     return 0
 
 

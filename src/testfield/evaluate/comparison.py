@@ -1,15 +1,15 @@
 """What is to be compared: scenes, recipes, draws of noise, factors; from a file or from the command line."""
 
 import itertools
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pydantic
 
-from testfield.errors import TestfieldError
+from testfield.errors import TestfieldError, gather
 from testfield.evaluate.compared import Until
 from testfield.evaluate.metrics import MATTERS
 from testfield.measure.recipe import Algorithm, Recipe
@@ -17,7 +17,7 @@ from testfield.registry import ALGORITHMS
 from testfield.scene.shipped import find_scene
 from testfield.store.faults import faults_of
 from testfield.store.text import decoded
-from testfield.store.toml import parse_toml, read_toml
+from testfield.store.toml import parse_toml, read_toml, toml_or_nothing
 
 DRAWS = 5
 MOST_DRAWS = 10_000
@@ -58,7 +58,8 @@ class Comparison:
     def load(path: Path) -> "Comparison":
         """The comparison in a TOML file; paths in it are relative to it.
 
-        Raises `TestfieldError` where a field is unknown or out of range, and where a recipe or a scene is.
+        Raises `TestfieldError`, of all faults, where a field is unknown or out of range, and where a recipe or a scene
+        is.
         """
         content = read_toml(path, "comparison file")
         data = parse_toml(content, str(path))
@@ -66,12 +67,16 @@ class Comparison:
             sheet = _Sheet.model_validate(data)
         except pydantic.ValidationError as error:
             raise faults_of(error, _Sheet, data, decoded(content), str(path), SEE) from error
+        scenes: list[Path] = []
+        recipes: list[Recipe] = []
+        gather(
+            *(partial(lambda name: scenes.append(_scene_beside(path, name)), name) for name in sheet.scenes),
+            *(partial(lambda name: recipes.append(Recipe.load(path.parent / name)), name) for name in sheet.recipes),
+            lambda: recipes.extend(recipes_of({stage: getattr(sheet, stage) for stage in ALGORITHMS}, str(path))),
+        )
         return Comparison(
-            scenes=tuple(_scene_beside(path, name) for name in sheet.scenes),
-            recipes=(
-                *(Recipe.load(path.parent / name) for name in sheet.recipes),
-                *recipes_of({stage: getattr(sheet, stage) for stage in ALGORITHMS}, str(path)),
-            ),
+            scenes=tuple(scenes),
+            recipes=tuple(recipes),
             draws=sheet.draws,
             factors=tuple(Factor(one.field, tuple(one.values), one.title) for one in sheet.factor),
             matters=MATTERS | {"px": sheet.matters_px, "um": sheet.matters_um},
@@ -110,10 +115,7 @@ class Comparison:
 
 def is_comparison(path: Path) -> bool:
     """Whether a file is a comparison's and not a scene's: it names scenes. Of no file at all it is False."""
-    try:
-        return "scenes" in tomllib.loads(path.read_text("utf-8"))
-    except (OSError, ValueError, RecursionError):
-        return False
+    return "scenes" in toml_or_nothing(path)
 
 
 def recipes_of(named: Mapping[str, Sequence[str]], source: str) -> tuple[Recipe, ...]:

@@ -2,12 +2,13 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import tomli_w
 
-from testfield.errors import TestfieldError, faults_in
+from testfield.errors import TestfieldError, faults_in, gather
 from testfield.evaluate.case import Case, case, changed
 from testfield.evaluate.comparison import Comparison, Factor
 from testfield.evaluate.known_rows import BROKEN, TRUTH
@@ -63,8 +64,7 @@ def cases_of(comparison: Comparison) -> list[Case]:
 
 def setups_of(comparison: Comparison) -> list[Setup]:
     """Every scene, as it is or at the values of each factor that it has."""
-    for scene in comparison.scenes:
-        load_scene(scene)
+    gather(*(partial(load_scene, scene) for scene in comparison.scenes))
     bases = [case(scene) for scene in comparison.scenes]
     names = [base.labels["scene"] for base in bases]
     for scene, name in zip(comparison.scenes, names, strict=True):

@@ -77,6 +77,9 @@ class Program:
         own = packages and is_python(words[0])
         if found is None and not own:
             raise TestfieldError(f"there is no program '{words[0]}'", where, "give its path, or install it")
+        script = next((word for word in words[1:] if not word.startswith("-")), "")
+        if is_python(words[0]) and script.endswith(".py") and not (folder / script).is_file():
+            raise TestfieldError(f"there is no file '{script}'", where, "name a Python file beside the recipe")
         paths = ([] if own or found is None else [found]) + [folder / word for word in words[1:]]
         files = tuple((path.name, file_digest(path)) for path in paths if path.is_file())
         if packages:

@@ -1,12 +1,13 @@
 """A recipe: how frames become results, as a value."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from testfield.camera.interior import check_held
-from testfield.errors import TestfieldError, nearest
+from testfield.errors import TestfieldError, gather, nearest
 from testfield.measure.outside import Program, Results
 from testfield.measure.signature import check_signature, options_of
 from testfield.registry import KINDS, load_file, names
@@ -65,18 +66,16 @@ class Recipe:
         return read_recipe(path)
 
     def check(self, source: str) -> None:
-        """Raise `TestfieldError` where an algorithm is unknown, does not take an option, or does not take what it is
-        given; `source` is what the message calls the recipe."""
+        """Raise `TestfieldError`, of all faults, where an algorithm is unknown, does not take an option, or not what it
+        is given; `source` is what the message calls the recipe."""
         self.prepare()
-        for stage, one in self.stages.items():
-            where = f"{source}, {stage.removesuffix('s')}"
-            if one.name not in names(stage):
-                known = names(stage)
-                do = nearest(one.name, known) if known else "register one, and load its file"
-                raise TestfieldError(f"no {KINDS[stage]} is called '{one.name}'", where, do)
-            check_signature(stage, one.name, one.options, where)
-        if self.lens is not None:
-            check_held(self.hold, self.lens, f"{source}, calibrator.hold")
+        checks: list[Callable[[], None]] = [
+            partial(_check_stage, stage, one, source) for stage, one in self.stages.items()
+        ]
+        lens = self.lens
+        if lens is not None:
+            checks.append(lambda: check_held(self.hold, lens, f"{source}, calibrator.hold"))
+        gather(*checks)
 
     def prepare(self) -> None:
         """Import what the recipe loads, in whatever process it has come to."""
@@ -92,6 +91,19 @@ class Recipe:
         return by_name | ({"detectors": self.detector} if isinstance(self.detector, Algorithm) else {})
 
     @property
+    def parts(self) -> dict[str, str]:
+        """What is done by what, in a person's words, stage by stage."""
+        outside = {"calibrator": self.calibrated_by, "reconstructor": self.points_from}
+        found = {stage.removesuffix("s"): one.name for stage, one in self.stages.items()}
+        if self.detector is not None:
+            found = {name: said for name, said in found.items() if name not in ("finder", "centroid", "decoder")}
+            outside["detector"] = self.detector if not isinstance(self.detector, Algorithm) else None
+        for stage, one in outside.items():
+            if one is not None:
+                found[stage] = f"program {one.name}" if isinstance(one, Program) else f"files in {one.folder}"
+        return found
+
+    @property
     def lens(self) -> str | None:
         """The lens model to calibrate, None for that of the camera's sheet."""
         return self.calibrator.options.get("lens")
@@ -100,3 +112,12 @@ class Recipe:
     def hold(self) -> tuple[str, ...]:
         """Parameters of the calibrated lens that are held at zero."""
         return tuple(self.calibrator.options.get("hold", ()))
+
+
+def _check_stage(stage: str, one: Algorithm, source: str) -> None:
+    where = f"{source}, {stage.removesuffix('s')}"
+    known = names(stage)
+    if one.name not in known:
+        do = nearest(one.name, known) if known else "register one, and load its file"
+        raise TestfieldError(f"no {KINDS[stage]} is called '{one.name}'", where, do)
+    check_signature(stage, one.name, one.options, where)

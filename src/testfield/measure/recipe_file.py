@@ -1,54 +1,74 @@
 """A recipe's file: tables that name an algorithm, a command or a folder, checked and made a `Recipe`."""
 
+from collections.abc import Callable, Collection, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
 import pydantic
 
-from testfield.errors import TestfieldError, nearest
+from testfield.errors import TestfieldError, gather
 from testfield.measure.outside import CALIBRATOR_GETS, DETECTOR_GETS, RECONSTRUCTOR_GETS, TIME_LIMIT_S, Program, Results
 from testfield.measure.recipe import SMALLEST_DIAMETER_PX, Algorithm, Loaded, Recipe
 from testfield.registry import load_file
 from testfield.store.digests import file_digest
+from testfield.store.faults import faults_of
+from testfield.store.text import decoded
 from testfield.store.toml import parse_toml, read_toml
+
+SEE = "see FORMATS.md, a recipe's file"
 
 
 def read_recipe(path: Path) -> Recipe:
-    """The recipe in a TOML file; paths in it are told from its folder. Raises `TestfieldError` as `Recipe.load`."""
-    data = parse_toml(read_toml(path, "recipe"), str(path))
+    """The recipe in a TOML file; paths in it are told from its folder. Raises `TestfieldError` as `Recipe.load`, of all
+    faults together."""
+    content = read_toml(path, "recipe")
+    data = parse_toml(content, str(path))
     try:
         sheet = _RecipeFile.model_validate(data)
     except pydantic.ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        place = ".".join(str(part) for part in first["loc"])
-        said = "unknown field" if first["type"] == "extra_forbidden" else first["msg"]
-        said = said.removeprefix("Value error, ")
-        raise TestfieldError(
-            f"{said[0].lower()}{said[1:]}", f"{path}, {place}", nearest(str(first["loc"][-1]), list(_FIELDS))
-        ) from error
-    folder = path.resolve().parent
-    files = []
-    for name in [sheet.load] if isinstance(sheet.load, str) else sheet.load:
-        if not (folder / name).is_file():
-            raise TestfieldError(f"there is no file '{name}'", f"{path}, load", "name a Python file beside the recipe")
-        load_file(folder / name)
-        files.append(Loaded((folder / name).resolve(), file_digest(folder / name)))
+        raise faults_of(error, _RecipeFile, data, decoded(content), str(path), SEE) from error
     packages = tuple(sheet.environment.packages) if sheet.environment else ()
-    recipe = Recipe(
-        name=sheet.name or path.stem,
-        centroid=_algorithm(sheet.centroid, path, "centroid"),
-        calibrator=Algorithm("stitched") if _outside(sheet.calibrator) else _algorithm(sheet.calibrator, path, ""),
-        reconstructor=Algorithm("gls") if _outside(sheet.reconstructor) else _algorithm(sheet.reconstructor, path, ""),
-        smallest_diameter_px=sheet.smallest_diameter_px,
-        detector=_part(sheet.detector, path, "detector", DETECTOR_GETS, packages),
-        finder=_algorithm(sheet.finder, path, "finder") if sheet.finder else None,
-        decoder=_algorithm(sheet.decoder, path, "decoder") if sheet.decoder else None,
-        calibrated_by=_from_outside(sheet.calibrator, path, "calibrator", CALIBRATOR_GETS, packages),
-        points_from=_from_outside(sheet.reconstructor, path, "reconstructor", RECONSTRUCTOR_GETS, packages),
-        files=tuple(files),
-    )
+    names = [sheet.load] if isinstance(sheet.load, str) else sheet.load
+    files = tuple(gather(*(partial(_loaded, path, name) for name in names)))
+    found: dict[str, Any] = {}
+
+    def take(part: str, make: Callable[[], Any]) -> Callable[[], None]:
+        return lambda: found.update({part: make()})
+
+    by_name = {"calibrator": Algorithm("stitched"), "reconstructor": Algorithm("gls")}
+    outside = {
+        "calibrator": ("calibrated_by", CALIBRATOR_GETS),
+        "reconstructor": ("points_from", RECONSTRUCTOR_GETS),
+    }
+    checks = [
+        take("centroid", lambda: _algorithm(sheet.centroid, path, "centroid")),
+        take("detector", lambda: _part(sheet.detector, path, "detector", DETECTOR_GETS, packages)),
+        take("finder", lambda: _algorithm(sheet.finder, path, "finder") if sheet.finder else None),
+        take("decoder", lambda: _algorithm(sheet.decoder, path, "decoder") if sheet.decoder else None),
+    ]
+    for stage, (part, gets) in outside.items():
+        table: _Table = getattr(sheet, stage)
+        found[stage] = by_name[stage] if _outside(table) else _algorithm(table, path, stage)
+        checks.append(take(part, partial(_from_outside, table, path, stage, gets, packages)))
+    gather(*checks)
+    recipe = Recipe(name=sheet.name or path.stem, smallest_diameter_px=sheet.smallest_diameter_px, files=files, **found)
     recipe.check(str(path))
     return recipe
+
+
+def is_recipe(data: Mapping[str, Any], others: Collection[str]) -> bool:
+    """Whether a TOML document is rather a recipe's than one of the kind that has the fields `others`."""
+    own = set(_FIELDS) - set(others)
+    return bool(own & data.keys()) and not (data.keys() & set(others)) - set(_FIELDS)
+
+
+def _loaded(path: Path, name: str) -> Loaded:
+    folder = path.resolve().parent
+    if not (folder / name).is_file():
+        raise TestfieldError(f"there is no file '{name}'", f"{path}, load", "name a Python file beside the recipe")
+    load_file(folder / name)
+    return Loaded((folder / name).resolve(), file_digest(folder / name))
 
 
 class _Table(pydantic.BaseModel):

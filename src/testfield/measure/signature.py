@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from inspect import Parameter, signature
+from pathlib import Path
 from typing import Any
 
 from testfield.errors import TestfieldError, nearest
@@ -35,9 +36,10 @@ def check_signature(stage: str, name: str, options: Mapping[str, Any], where: st
     known = options_of(stage, name)
     for option in options:
         if known is not None and option not in known:
-            raise TestfieldError(f"'{name}' takes no option '{option}'", f"{where}.{option}", nearest(option, known))
+            do = nearest(option, known) if known else "it takes none"
+            raise TestfieldError(f"'{name}' takes no option '{option}'", f"{where}.{option}", do)
     given, found = GIVEN[stage], signature(find(stage, name))
-    place = f"{find(stage, name).__module__}, {find(stage, name).__qualname__}{found}"
+    place = f"{_file_of(find(stage, name))}, {find(stage, name).__qualname__}{found}"
     contract = f"{KINDS[stage]}s are given {', '.join(given)}" + "".join(f", {name}=" for name in ALWAYS.get(stage, ()))
     by_position = [
         one.name
@@ -55,3 +57,9 @@ def check_signature(stage: str, name: str, options: Mapping[str, Any], where: st
         found.bind(*given, **dict.fromkeys((*ALWAYS.get(stage, ()), *options)))
     except TypeError as error:
         raise TestfieldError(f"'{name}' cannot be called ({error})", place, contract) from error
+
+
+def _file_of(function: Any) -> str:
+    """The file of a loaded function, or the module of one in a package."""
+    code = getattr(function, "__code__", None)
+    return str(function.__module__) if code is None or "." in function.__module__ else Path(code.co_filename).name

@@ -34,6 +34,14 @@ def read_toml(path: Path, what: str) -> bytes:
         raise TestfieldError(f"cannot be read ({error.strerror})", str(path)[:300], "check the path") from error
 
 
+def toml_or_nothing(path: Path) -> dict[str, Any]:
+    """The document in a TOML file, to see of what kind it is; nothing where it is none."""
+    try:
+        return parse_toml(read_toml(path, "file"), str(path))
+    except TestfieldError:
+        return {}
+
+
 def parse_toml(content: bytes | str, source: str) -> dict[str, Any]:
     """The document in a TOML text. Raises `TestfieldError` where it is none, or holds what is beyond all bounds."""
     try:
