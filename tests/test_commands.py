@@ -183,7 +183,9 @@ def test_bench_prints_what_was_counted(monkeypatch: pytest.MonkeyPatch, capsys: 
     assert "--trials" in capsys.readouterr().err
 
 
-def test_claims_are_printed_as_they_are_summed(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:
+def test_claims_are_printed_as_they_are_summed(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture, tmp_path: Path
+) -> None:
     group = {"nees": 1.25, "nees_band_95": [0.9, 1.1], "coverage_95": 0.935, "regions": 400}
     figures = {
         "camera": group,
@@ -195,7 +197,7 @@ def test_claims_are_printed_as_they_are_summed(monkeypatch: pytest.MonkeyPatch, 
         "sigma0": 1.0125,
     }
     monkeypatch.setattr("testfield.bench.claims.over_worlds", lambda *_: figures)
-    assert main(["bench", "claims", "--scene", str(SCENES / "quick.toml")]) == 0
+    assert main(["bench", "claims", "--scene", str(SCENES / "quick.toml"), "--out", str(tmp_path)]) == 0
     lines = capsys.readouterr().out.splitlines()
     for line, shown in zip(
         lines, ("1.250 (band 0.900 to 1.100)", "0.500 (band", "93.5 % of 400", "= 1.200"), strict=True

@@ -287,9 +287,9 @@ def test_the_bound_of_an_ellipse_is_the_circles_where_it_is_one() -> None:
     assert flat[0, 1, 1] < flat[0, 0, 0]  # the long sides tell of y
 
 
-def test_claims_hold_over_worlds_and_half_claims_do_not() -> None:
+def test_claims_hold_over_worlds_and_half_claims_do_not(tmp_path: Path) -> None:
     path = SCENES / "quick.toml"
-    figures = over_worlds(path.read_text(), path, 6, lambda _: None)
+    figures = over_worlds(path.read_text(), path, 6, tmp_path)
     for group in ("camera", "boards", "check_points"):
         low, high = nees_band(6 * figures[group]["degrees_of_freedom"], 0.999)
         assert low < figures[group]["nees"] < high, group
@@ -299,7 +299,7 @@ def test_claims_hold_over_worlds_and_half_claims_do_not() -> None:
 
 @pytest.mark.parametrize("exposures", [1, pytest.param(3, marks=pytest.mark.slow)])
 def test_claims_hold_over_new_exposures_of_one_render(quick: Run, exposures: int) -> None:
-    figures = over_exposures(quick, exposures, lambda _: None)
+    figures = over_exposures(quick, exposures)
     for group in ("camera", "boards", "check_points"):
         low, high = nees_band(exposures * figures[group]["degrees_of_freedom"], 0.999)
         assert low < figures[group]["nees"] < high, group

@@ -13,14 +13,13 @@ is drawn anew without new pictures: each mark that was measured is shifted by th
 a pixel, between its true images in the drawn world and in the rendered one.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
-from itertools import count
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from testfield.bench.claim_errors import GROUPS, errors_of
 from testfield.bench.claim_figures import Errors, Tally, claim_checks, summary
@@ -32,6 +31,9 @@ from testfield.chain.trials import Trials, reexposed
 from testfield.chain.truth import Truth
 from testfield.detect.observations import Observations
 from testfield.errors import TestfieldError
+from testfield.evaluate.case import Case
+from testfield.evaluate.execute import execute
+from testfield.evaluate.failures import FAILURE
 from testfield.measure.pipeline import measure
 from testfield.scene.build import build_world
 from testfield.scene.load import parse_scene
@@ -39,9 +41,7 @@ from testfield.scene.world import World
 from testfield.score.points import score_points
 from testfield.seeds import seed_of
 from testfield.simulate.observations import draw_observations
-from testfield.store.digests import digest
-from testfield.store.kept import make_each
-from testfield.store.work import each
+from testfield.store.work import Pool
 
 
 @dataclass(frozen=True)
@@ -54,26 +54,35 @@ class Trial:
     sigma0: float
 
 
-def over_worlds(text: str, source: Path, worlds: int, tell: Callable[[str], None], jobs: int = 1) -> dict[str, Any]:
-    """NEES and coverage over worlds that differ by the scene's seed, with pixels drawn from the truth."""
-    trials = drawn_worlds(text, source, worlds, tell, jobs)
-    rmse, u = (float(np.sqrt(np.mean(np.square(v)))) for v in zip(*((t.rmse_mm, t.u_mm) for t in trials), strict=True))
+def over_worlds(
+    text: str, source: Path, worlds: int, folder: Path, jobs: int = 1, pool: Pool | None = None
+) -> dict[str, Any]:
+    """NEES and coverage over worlds that differ by the scene's seed, with pixels drawn from the truth; finished ones
+    are kept in a folder. Raises `TestfieldError` where a world cannot be measured."""
+    options = {"text": text, "source": str(source.resolve())}
+    cases = [Case({"world": k}, f"{__name__}:world_rows", options=options) for k in range(worlds)]
+    table = _table(cases, folder, jobs, pool)
+    rmse, u, sigma0 = (table.groupby("world")[name].first() for name in ("rmse_mm", "u_mm", "sigma0"))
+    rmse, u = (float(np.sqrt(np.mean(np.square(values)))) for values in (rmse, u))
     return {
         "worlds": worlds,
         "rmse_mm": rmse,
         "mean_u_mm": u,
         "rmse_over_u": rmse / u,
-        "sigma0": float(np.mean([trial.sigma0 for trial in trials])),
-    } | figures_of([trial.errors for trial in trials])
+        "sigma0": float(sigma0.mean()),
+    } | figures_of(errors_in(table, "world"))
 
 
-def drawn_worlds(
-    text: str, source: Path, worlds: int, tell: Callable[[str], None] = lambda _: None, jobs: int = 1
-) -> list[Trial]:
+def world_rows(case: Case, _: Run | None) -> list[dict[str, Any]]:
+    """A row for each group of errors of one drawn world."""
+    trial = _drawn_world(case.options["text"], Path(case.options["source"]), case.labels["world"])
+    same = {"rmse_mm": trial.rmse_mm, "u_mm": trial.u_mm, "sigma0": trial.sigma0}
+    return [row | same for row in error_rows(trial.errors)]
+
+
+def drawn_worlds(text: str, source: Path, worlds: int) -> list[Trial]:
     """What worlds that differ by the scene's seed give, with pixels drawn from the truth."""
-    done = count(1)
-    of_world = partial(_drawn_world, text, source)
-    return list(each(of_world, range(worlds), jobs, moved=lambda _: tell(f"world {next(done)} of {worlds}")))
+    return [_drawn_world(text, source, k) for k in range(worlds)]
 
 
 def _drawn_world(text: str, source: Path, number: int) -> Trial:
@@ -101,41 +110,71 @@ def draw_pixels(truth: Truth, seed: int) -> Observations:
     return truth.by_cameras(Observations.join(images, truth.world.station_name))
 
 
-def over_exposures(run: Run, exposures: int, tell: Callable[[str], None]) -> dict[str, Any]:
+def over_exposures(run: Run, exposures: int, pool: Pool | None = None) -> dict[str, Any]:
     """NEES and coverage over new exposures of a run's radiance, each with a workshop of its own; finished ones are kept
-    in the run's folder. Raises `TestfieldError` for a run of several cameras, whose marks cannot be moved in images."""
+    in the run's folder. Raises `TestfieldError` for a run of several cameras, whose marks cannot be moved in images,
+    and where an exposure cannot be measured."""
     if run.truth.several:
         raise TestfieldError(
             "new exposures are known of one camera only",
             str(run.folder),
             "use --scene, which draws worlds of several cameras",
         )
-    key, exposed, measured = Trials(run, "exposure").key, count(1), count(1)
-    files = [(f"claims/{k:04d}.parquet", digest(key, k)) for k in range(exposures)]
-    make_each(
-        run.ledger,
-        files,
-        partial(_expose_again, run.folder),
-        run.jobs,
-        moved=lambda _: tell(f"exposure {next(exposed)} of {exposures}"),
-    )
-    of_exposure = partial(_measured_again, run, _true_px(run.world))
-    found = each(of_exposure, range(exposures), moved=lambda _: tell(f"measured {next(measured)} of {exposures}"))
-    return {"exposures": exposures} | figures_of(list(found))
+    options = {"run": str(run.folder.resolve()), "key": Trials(run, "exposure").key}
+    cases = [Case({"exposure": k}, f"{__name__}:exposure_rows", options=options) for k in range(exposures)]
+    table = _table(cases, run.folder / "claims", run.jobs, pool)
+    return {"exposures": exposures} | figures_of(errors_in(table, "exposure"))
 
 
-def _expose_again(folder: Path, number: int, path: Path) -> None:
-    run = resume(folder, 1)
-    reexposed(run, seed_of(run.scene.seed, f"claims/{number}")).save(path)
+def exposure_rows(case: Case, _: Run | None) -> list[dict[str, Any]]:
+    """A row for each group of errors of one exposure, whose marks are those of a workshop of its own.
 
-
-def _measured_again(run: Run, rendered_px: np.ndarray, number: int) -> dict[str, Errors]:
-    """Errors by group of one exposure, whose marks are those of a workshop of its own."""
+    Raises `TestfieldError` where the run is not the one of which this was asked.
+    """
+    run, key = _rendered(Path(case.options["run"]))
+    number = case.labels["exposure"]
+    if key != case.options["key"]:
+        raise TestfieldError("this run has changed", str(run.folder), "give the command again")
+    again = reexposed(run, seed_of(run.scene.seed, f"claims/{number}"))
     world = build_world(run.scene, workshop=seed_of(run.scene.seed, f"claims/{number}/workshop"))
-    observations = Observations.load(run.folder / f"claims/{number:04d}.parquet")
-    moved = _moved(observations, run.world, _true_px(world) - rendered_px)
-    again = measure(moved, world.field, recipe_of(run.scene))
-    return errors_of(world, {"": world}, (), again.calibration, again.points)
+    measured = measure(
+        _moved(again, run.world, _true_px(world) - _true_px(run.world)), world.field, recipe_of(run.scene)
+    )
+    return error_rows(errors_of(world, {"": world}, (), measured.calibration, measured.points))
+
+
+@lru_cache(maxsize=1)
+def _rendered(folder: Path) -> tuple[Run, str]:
+    run = resume(folder, 1)
+    return run, Trials(run, "exposure").key
+
+
+def _table(cases: list[Case], folder: Path, jobs: int, pool: Pool | None) -> pd.DataFrame:
+    table = execute(cases, folder, jobs, "claims", pool=pool)
+    if FAILURE in table:
+        raise TestfieldError(str(table[FAILURE].dropna().iloc[0]))
+    return table
+
+
+def error_rows(errors: dict[str, Errors]) -> list[dict[str, Any]]:
+    """Errors of one trial as rows, one a group."""
+    return [
+        {"group": group, "error": of.error.tolist(), "cov": of.cov.ravel().tolist(), "size": of.size}
+        for group, of in errors.items()
+    ]
+
+
+def errors_in(table: pd.DataFrame, trial: str) -> list[dict[str, Errors]]:
+    """Errors by group of each trial, from rows that `error_rows` made; `trial` is the column that numbers trials."""
+    return [
+        {row.group: _errors(row.error, row.cov, row.size) for row in rows.itertuples()}
+        for _, rows in table.groupby(trial, sort=True)
+    ]
+
+
+def _errors(error: Any, cov: Any, size: int) -> Errors:
+    error = np.asarray(error, float)
+    return Errors(error, np.asarray(cov, float).reshape(len(error), len(error)), int(size))
 
 
 def figures_of(found: list[dict[str, Errors]]) -> dict[str, Any]:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from testfield.cli.clusters import add_cluster, cluster_of
 from testfield.cli.colour import judged
 from testfield.store.text import read_text
 
@@ -47,6 +48,14 @@ def add(commands: Any) -> None:
     one.add_argument("--scene", type=Path, metavar="SCENE", help="whose worlds are drawn (default: quick)")
     one.add_argument("--run", type=Path, metavar="RUN", help="the folder of a rendered run to expose again instead")
     one.add_argument("--trials", type=int, default=50, metavar="N", help="worlds or exposures (default: 50)")
+    one.add_argument("--jobs", type=int, default=1, metavar="N", help="processes (default: 1)")
+    one.add_argument(
+        "--out",
+        type=Path,
+        metavar="FOLDER",
+        help="of drawn worlds: where finished ones are kept (default: renders/claims)",
+    )
+    add_cluster(one)
 
     one = _tool(tools, "compare", _comparisons, "words and intervals of comparisons whose truth is known")
     one.add_argument("--trials", type=int, default=1000, metavar="N", help="comparisons drawn (default: 1000)")
@@ -262,6 +271,7 @@ def _claims(args: argparse.Namespace) -> int:
     from testfield.bench.claims import over_exposures, over_worlds
     from testfield.chain.belongs import check_truth
     from testfield.chain.run import resume, scene_of
+    from testfield.cli.show import jobs_of
     from testfield.errors import TestfieldError
     from testfield.evaluate.check import Check, table
     from testfield.scene.shipped import find_scene
@@ -271,13 +281,15 @@ def _claims(args: argparse.Namespace) -> int:
         raise TestfieldError(f"value {args.trials} is too few", "--trials", "give 2 or more")
     if args.run is not None:
         scene_of(args.run)
-        with only_writer(args.run):
-            run = resume(args.run, 1)
+        with only_writer(args.run), cluster_of(args, args.run) as pool:
+            run = resume(args.run, jobs_of(args.jobs))
             check_truth(run)
-            figures = over_exposures(run, args.trials, _tell)
+            figures = over_exposures(run, args.trials, pool)
     else:
-        scene = find_scene(args.scene or "quick")
-        figures = over_worlds(_text(scene), scene, args.trials, _tell)
+        scene, out = find_scene(args.scene or "quick"), args.out or Path("renders/claims")
+        text = _text(scene)
+        with only_writer(out), cluster_of(args, out) as pool:
+            figures = over_worlds(text, scene, args.trials, out, jobs_of(args.jobs), pool)
     if args.json:
         print(json.dumps(figures))
         return 0

@@ -5,6 +5,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from testfield.cli.clusters import add_cluster, cluster_of
 from testfield.cli.colour import bad, caution, good
 
 TRIALS = {"rays": 100_000, "calibration": 100, "exposure": 20}
@@ -36,6 +37,7 @@ def add(commands: Any) -> None:
     p.add_argument("--shortest", action="store_true", help="rays: shortest intervals instead of symmetric ones")
     p.add_argument("--jobs", type=int, default=1, metavar="N", help="calibration, exposure: processes (default: 1)")
     p.add_argument("--json", action="store_true", help="print one JSON object")
+    add_cluster(p, store=False)
     p.set_defaults(act=act)
 
 
@@ -60,8 +62,10 @@ def act(args: argparse.Namespace) -> int:
     least = 2 * BLOCK if args.depth == "rays" else 2
     if most < least:
         raise TestfieldError(f"value {most} is too few for the depth '{args.depth}'", "--trials", f"give {least}")
+    if args.cluster is not None and args.depth == "rays":
+        raise TestfieldError("trials of rays take seconds in one process", "--cluster", "choose another --depth")
     scene_of(args.run)
-    with only_writer(args.run):
+    with only_writer(args.run), cluster_of(args, args.run) as pool:
         trials = Trials(resume(args.run, 1), args.depth)
         check_truth(trials.run)
         points, field = trials.points, trials.run.field
@@ -79,9 +83,10 @@ def act(args: argparse.Namespace) -> int:
                 statement = of_blocks(points, result, field, block, most, args.digits, args.shortest)
             else:
                 files = [(trials.name(k), trials.key) for k in range(most)]
-                write = trials.write if args.jobs <= 1 else partial(_write_trial, args.run, args.depth)
+                here = args.jobs <= 1 and pool is None
+                write = trials.write if here else partial(_write_trial, args.run.resolve(), args.depth, trials.key)
                 with one_blas_thread():
-                    make_each(trials.run.ledger, files, write, args.jobs, moved=lambda _: move(1))
+                    make_each(trials.run.ledger, files, write, args.jobs, lambda _: move(1), pool)
                 made = np.array([trials.trial(k) for k in range(most)])
                 statement = of_trials(points, result, field, made, args.digits)
     statement = {"run": trials.run.scene.name, "depth": args.depth, "digits": args.digits} | statement
@@ -92,17 +97,26 @@ def act(args: argparse.Namespace) -> int:
     return 0
 
 
-def _write_trial(folder: Path, depth: str, number: int, path: Path) -> None:
-    """What another process does: one trial of the run in a folder."""
-    _trials(folder, depth).write(number, path)
+def _write_trial(folder: Path, depth: str, key: str, number: int, path: Path) -> None:
+    """What another process does: one trial of the run in a folder. Raises `TestfieldError` where its key would be
+    another one: the code is not the same here."""
+    _trials(folder, depth, key).write(number, path)
 
 
 @cache
-def _trials(folder: Path, depth: str) -> Any:
+def _trials(folder: Path, depth: str, key: str) -> Any:
     from testfield.chain.run import resume
     from testfield.chain.trials import Trials
+    from testfield.errors import TestfieldError
 
-    return Trials(resume(folder, 1), depth)
+    trials = Trials(resume(folder, 1), depth)
+    if trials.key != key:
+        raise TestfieldError(
+            "this worker has another run, or other code of the program or an algorithm",
+            str(folder),
+            "install the same versions there",
+        )
+    return trials
 
 
 def _show(statement: dict[str, Any]) -> None:
