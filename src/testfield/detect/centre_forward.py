@@ -20,7 +20,7 @@ from testfield.camera.interior import Interior
 from testfield.camera.project import plane_of, project_camera
 from testfield.detect.centre import Centres
 from testfield.detect.disc import LEAST_BLUR_PX, MOST_BLUR_PX, ellipse_outline, outline_points
-from testfield.detect.dot_equations import dot_equations
+from testfield.detect.dot_equations import Equations, dot_equations
 from testfield.detect.forward_windows import (
     AXX,
     AXY,
@@ -109,6 +109,10 @@ class _Placement:
     drawn: np.ndarray
     to_plane: np.ndarray
 
+    def of(self, rows: np.ndarray) -> "_Placement":
+        """That of some of the dots."""
+        return _Placement(self.interior, self.middle[rows], self.at[rows], self.drawn[rows], self.to_plane[rows])
+
     def outline(self, drawn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Pixels (n, k, 2) relative to the window's middle, and (n, k, 2, 2) their derivatives by the drawing."""
         plane = self.at[:, None, :] + np.einsum("nij,nkj->nki", self.to_plane, drawn - self.drawn[:, None, :])
@@ -149,11 +153,18 @@ def _refine(
     safe = theta.copy()
     good = sound(batch, theta)
     theta[~good] = safe[~good] = _HARMLESS
+    use, left = np.zeros_like(batch.inside), good.copy()
+    found = Equations(np.zeros_like(values), np.zeros((n, 12, 12)), np.zeros((n, 12)))
+    normal, gradient = found.normal[:, :free, :free], found.right[:, :free]
     for k in range(ROUNDS):
+        rows = np.flatnonzero(left)
+        if not len(rows):
+            break
+        part = batch.some(rows)
         if k < 4:
-            use = _usable(batch, theta, sheet)
-        equations = dot_equations(values, use, theta, dot_outline(theta, place), sheet.noise_line())
-        normal, gradient = equations.normal[:, :free, :free], equations.right[:, :free]
+            use[rows] = _usable(part, sheet)
+        outline = dot_outline(part.theta, place and place.of(rows))
+        found.renew(rows, dot_equations(part.values, use[rows], part.theta, outline, sheet.noise_line()))
         total, right = normal, gradient
         if light is not None:
             off = expected - theta[:, GRADIENTS]
@@ -166,16 +177,16 @@ def _refine(
         step = np.einsum("nij,nj->ni", covariance, right)
         longest = np.abs(step[:, : BLUR + 1]).max(axis=1)
         limit = np.minimum(1, 0.5 * np.maximum(theta[:, BLUR], 0.5) / np.maximum(longest, 1e-12))
-        theta[:, :free] += np.where(good[:, None], step * limit[:, None], 0)
+        theta[:, :free] += np.where(left[:, None], step * limit[:, None], 0)
         theta[:, BLUR] = theta[:, BLUR].clip(LEAST_BLUR_PX, MOST_BLUR_PX)
         good &= sound(batch, theta)
         theta[~good] = safe[~good]
         sigma = np.sqrt(np.maximum(np.einsum("nii->ni", covariance[:, :2, :2]), 0))
         near = (0.5 if light is None else 0.02) * sigma + 1e-6
-        converged = good & (limit == 1) & (np.abs(step[:, :2]) < near).all(axis=1)
-        if k and np.all(converged | ~good):
-            break
-    return _Fit(normal, known, use, equations.model, converged)
+        settled = (k > 0) & (limit == 1) & (np.abs(step[:, :2]) < near).all(axis=1)
+        # What has settled stays: it takes no time, and how often a dot is stepped does not depend on the others.
+        left &= good & ~settled
+    return _Fit(normal, known, use, found.model, good & ~left)
 
 
 def _set_levels(batch: Batch, place: _Placement | None) -> None:
@@ -199,9 +210,10 @@ def sound(batch: Batch, theta: np.ndarray) -> np.ndarray:
     return finite & (low > 0.1) & (high < 1.2 * batch.half) & within & (theta[:, CONTRAST] > 0)
 
 
-def _usable(batch: Batch, theta: np.ndarray, sheet: SensorSheet) -> np.ndarray:
+def _usable(batch: Batch, sheet: SensorSheet) -> np.ndarray:
     """(n, m, m) which pixels a fit may use."""
-    to_circle, felt_px, noise = np.linalg.inv(half_axes(theta)), reach(theta)[1], np.array(sheet.noise_line())
+    theta, noise = batch.theta, np.array(sheet.noise_line())
+    to_circle, felt_px = np.linalg.inv(half_axes(theta)), reach(theta)[1]
     return of_dots(batch.values, batch.inside, theta, to_circle, felt_px, theta[:, CONTRAST].copy(), noise)
 
 

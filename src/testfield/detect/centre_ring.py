@@ -10,7 +10,7 @@ So neither perspective nor a badly printed ring pulls the dot's centre.
 
 import os
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 
 import cv2
 import numpy as np
@@ -116,6 +116,11 @@ class _Ring:
     reach_px: np.ndarray
     dark_dn: float
 
+    def some(self, rows: np.ndarray) -> "_Ring":
+        """Those of some of the batch's dots."""
+        own = {f.name: getattr(self, f.name)[rows] for f in fields(self) if f.name != "dark_dn"}
+        return replace(self, **own)
+
     @property
     def known(self) -> np.ndarray:
         """(n, 18) the parameters that have a prior."""
@@ -150,36 +155,39 @@ def _fit(batch: Batch, sheet: SensorSheet, rings: Rings) -> Fitted:
     prior[:, TWISTED:] = 1 / MOST_TWISTED**2
     good = sound(batch, theta) & np.isfinite(ring.start).all(axis=(1, 2))
     safe = theta.copy()
-    converged = np.zeros(len(theta), bool)
+    use, left = np.zeros_like(batch.inside), good.copy()
+    model, covariance = np.zeros_like(values), np.zeros((len(theta), PARAMETERS, PARAMETERS))
     for k in range(ROUNDS):
-        if k < 4:
-            use = _usable(batch, rings.radii)
-        equations = _equations(batch, use, ring, rings, sheet)
-        normal, right = equations.normal, equations.right
-        normal[:, np.arange(PARAMETERS), np.arange(PARAMETERS)] += prior
-        right[:, DOT + 1 :] -= prior[:, DOT + 1 :] * ring.known
-        covariance = inverse(normal)
-        step = np.einsum("nij,nj->ni", covariance, right)
-        longest = np.abs(step[:, : BLUR + 1]).max(axis=1) / (0.5 * np.maximum(theta[:, BLUR], 0.5))
-        longest = np.maximum(longest, np.abs(step[:, DOT + 1 : BENT]).max(axis=1) / LONGEST_TURN)
-        step *= np.where(good, np.minimum(1, 1 / np.maximum(longest, 1e-12)), 0)[:, None]
-        theta += step[:, :DOT]
-        theta[:, BLUR] = theta[:, BLUR].clip(LEAST_BLUR_PX, MOST_BLUR_PX)
-        ring.contrast += step[:, DOT]
-        ring.turn += step[:, DOT + 1 : BENT]
-        ring.bent += step[:, BENT:TWISTED]
-        ring.twisted += step[:, TWISTED:]
-        good &= sound(batch, theta) & np.isfinite(ring.turn).all(axis=1)
-        theta[~good], ring.contrast[~good], ring.turn[~good], ring.bent[~good] = safe[~good], 1, 0, 0
-        ring.twisted[~good] = 0
-        sigma = np.sqrt(np.maximum(np.einsum("nii->ni", covariance[:, :2, :2]), 0))
-        still = np.abs(step[:, DOT + 1 : BENT]).max(axis=1) < STILL
-        converged = good & still & (longest < 1) & (np.abs(step[:, :2]) < 0.02 * sigma + 1e-6).all(axis=1)
-        if k and np.all(converged | ~good):
+        rows = np.flatnonzero(left)
+        if not len(rows):
             break
-    model = equations.model
+        part, own = batch.some(rows), ring.some(rows)
+        if k < 4:
+            use[rows] = _usable(part, rings.radii)
+        equations = _equations(part, use[rows], own, rings, sheet)
+        normal, right = equations.normal, equations.right
+        normal[:, np.arange(PARAMETERS), np.arange(PARAMETERS)] += prior[rows]
+        right[:, DOT + 1 :] -= prior[rows, DOT + 1 :] * own.known
+        model[rows], covariance[rows] = equations.model, inverse(normal)
+        step = np.einsum("nij,nj->ni", covariance[rows], right)
+        longest = np.abs(step[:, : BLUR + 1]).max(axis=1) / (0.5 * np.maximum(part.theta[:, BLUR], 0.5))
+        longest = np.maximum(longest, np.abs(step[:, DOT + 1 : BENT]).max(axis=1) / LONGEST_TURN)
+        step *= np.minimum(1, 1 / np.maximum(longest, 1e-12))[:, None]
+        theta[rows] += step[:, :DOT]
+        theta[:, BLUR] = theta[:, BLUR].clip(LEAST_BLUR_PX, MOST_BLUR_PX)
+        ring.contrast[rows] += step[:, DOT]
+        ring.turn[rows] += step[:, DOT + 1 : BENT]
+        ring.bent[rows] += step[:, BENT:TWISTED]
+        ring.twisted[rows] += step[:, TWISTED:]
+        good &= sound(batch, theta) & np.isfinite(ring.turn).all(axis=1)
+        theta[~good] = safe[~good]
+        sigma = np.sqrt(np.maximum(np.einsum("nii->ni", covariance[rows, :2, :2]), 0))
+        still = np.abs(step[:, DOT + 1 : BENT]).max(axis=1) < STILL
+        settled = (k > 0) & still & (longest < 1) & (np.abs(step[:, :2]) < 0.02 * sigma + 1e-6).all(axis=1)
+        left[rows] = ~settled
+        left &= good
     residual, variance = np.where(use, values - model, 0), np.where(use, sheet.variance_dn2(model), 0)
-    centres = _centres(batch, use, residual, variance, covariance[:, :2, :2], converged)
+    centres = _centres(batch, use, residual, variance, covariance[:, :2, :2], good & ~left)
     return Fitted(centres, *_worst_patch(residual, variance, theta[:, CONTRAST]))
 
 

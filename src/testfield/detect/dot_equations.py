@@ -21,6 +21,11 @@ class Equations:
     normal: np.ndarray
     right: np.ndarray
 
+    def renew(self, which: np.ndarray, now: "Equations") -> None:
+        """Take what is new of the fits `which` (k,); the others stay."""
+        for old, new in ((self.model, now.model), (self.normal, now.normal), (self.right, now.right)):
+            old[which] = new
+
 
 def dot_equations(
     values: np.ndarray,

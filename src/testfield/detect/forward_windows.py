@@ -9,7 +9,7 @@ CX, CY, AXX, AXY, AYY, BLUR, CONTRAST, BACKGROUND, CONTRAST_X, CONTRAST_Y, BACKG
 GRADIENTS = slice(CONTRAST_X, BACKGROUND_Y + 1)
 CLEAR_OF_BLUR = 4.0
 """An edge is felt up to this many standard deviations of pixel and blur beyond it."""
-BATCH, MOST_PIXELS = 32, 240_000
+BATCH, MOST_PIXELS = 128, 240_000
 """Dots that are fitted together, and the most pixels of all their windows: each has tens of derivatives."""
 
 
@@ -23,6 +23,10 @@ class Batch:
     values: np.ndarray
     inside: np.ndarray
     theta: np.ndarray
+
+    def some(self, rows: np.ndarray) -> "Batch":
+        """Those of some of the dots, with parameters of their own."""
+        return Batch(self.rows[rows], self.corner[rows], self.values[rows], self.inside[rows], self.theta[rows])
 
     @property
     def half(self) -> int:
