@@ -941,7 +941,7 @@ RENDERING = [
     ),
     Defect(
         "borders have no finer cells than prints",
-        "render_fast",
+        "traced",
         "((EDGE, 1), (BORDER, max(1, round(__x__))))",
         "((EDGE, 1), (BORDER, 1))",
         BORDERS,
