@@ -9,6 +9,7 @@ from typing import Any
 from testfield.cli.show import add_load
 
 OUT = Path("renders/regress")
+HISTORY = "history.sqlite"
 
 
 def add(commands: Any) -> None:
@@ -29,8 +30,29 @@ def add(commands: Any) -> None:
         add_load(q)
         if name == "check":
             q.add_argument("--junit", type=Path, metavar="FILE", help="default: junit.xml in the folder")
+            _history(q)
             q.add_argument("--all", action="store_true", help="show figures that pass, too")
+    q = parts.add_parser("selftest", help="plant defects: each must be found, and unchanged code raise no alarm")
+    _common(q)
+    q.add_argument(
+        "--unchanged",
+        type=int,
+        default=20,
+        metavar="N",
+        help="checks of unchanged code under other noise (default: 20)",
+    )
+    q.add_argument(
+        "--simulate", type=int, default=2000, metavar="N", help="simulated checks of unchanged code (default: 2000)"
+    )
+    q = parts.add_parser("history", help="write a page of each figure over all checks, with its change points")
+    q.add_argument("--out", type=Path, default=OUT, metavar="FOLDER", help=f"where history.sqlite lies, default: {OUT}")
+    _history(q)
+    q.add_argument("--page", type=Path, metavar="FILE.html", help="default: history.html beside the database")
     p.set_defaults(act=act)
+
+
+def _history(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--history", type=Path, metavar="FILE", help="database, default: history.sqlite in the folder")
 
 
 def _common(parser: argparse.ArgumentParser) -> None:
@@ -43,7 +65,7 @@ def _common(parser: argparse.ArgumentParser) -> None:
 def act(args: argparse.Namespace) -> int:
     """Do one of the parts. Exit status 0: all pass; 1: something is worse, missing or no number; 2: it could not run;
     3: something is unknown after the budget."""
-    return {"record": _record, "check": _check}[args.part](args)
+    return {"record": _record, "check": _check, "history": _history_page, "selftest": _selftest}[args.part](args)
 
 
 def _record(args: argparse.Namespace) -> int:
@@ -66,9 +88,10 @@ def _record(args: argparse.Namespace) -> int:
 
 def _check(args: argparse.Namespace) -> int:
     from testfield.cli.show import jobs_of
-    from testfield.evaluate.regress.baseline import Baseline
+    from testfield.evaluate.regress.baseline import Baseline, made_here
     from testfield.evaluate.regress.cases import setups_of
     from testfield.evaluate.regress.check import checked, recorded
+    from testfield.evaluate.regress.history import append
     from testfield.evaluate.regress.notes import notes_of
     from testfield.evaluate.regress.suite import Suite, baseline_path, candidate_path
     from testfield.evaluate.regress.summary import counted, lines_of, write_junit, write_markdown
@@ -100,4 +123,36 @@ def _check(args: argparse.Namespace) -> int:
         print(f"a candidate was stored in {candidate_path(args.suite)}: look at it, and rename it", file=sys.stderr)
     print(f"{suite.name}: {counted(found.findings)}")
     print(args.out / "summary.md")
+    sys.stdout.flush()
+    append(args.history or args.out / HISTORY, suite, found, made_here(suite))
     return status_of(found.findings)
+
+
+def _history_page(args: argparse.Namespace) -> int:
+    from testfield.evaluate.regress.history_page import write_history
+
+    database = args.history or args.out / HISTORY
+    print(write_history(database, args.page or database.with_name("history.html")))
+    return 0
+
+
+def _selftest(args: argparse.Namespace) -> int:
+    from testfield.cli.show import jobs_of
+    from testfield.evaluate.regress.selftest import tried
+    from testfield.evaluate.regress.selftest_table import alarms_line, header, row, write_table
+    from testfield.evaluate.regress.simulation import SHAPES, simulated
+    from testfield.store.lock import only_writer
+
+    simulations = [simulated(shape, args.simulate) for shape in SHAPES] if args.simulate > 0 else []
+    print(header(), flush=True)
+    outcomes = []
+    with only_writer(args.out):
+        for one in tried(args.out, jobs_of(args.jobs), unchanged=args.unchanged):
+            print(row(one), flush=True)
+            outcomes.append(one)
+        path = write_table(outcomes, simulations, args.out / "selftest.md")
+    for alarms in simulations:
+        print(alarms_line(alarms))
+    print(path)
+    good = all(one.as_it_should for one in outcomes) and all(one.kept for one in simulations)
+    return 0 if good else 1

@@ -54,7 +54,7 @@ def write_comparison(
     seen = shown(tables)
     if len(comparison.scenes) == 1:
         del seen["scenes"]  # it would say the same again
-    plots, scripts = _embedded(
+    plots, scripts = embedded(
         Plots(compared, comparison, floor, tables).all() | {name: sortable(t) for name, t in seen.items() if len(t)}
     )
     html = page(
@@ -84,7 +84,7 @@ def _partial(compared: Compared) -> list[tuple[str, int, int]]:
     return [(row.figure, row.draws, row.of_draws) for row in ranks.itertuples() if row.draws < row.of_draws]
 
 
-def _embedded(models: dict[str, Any]) -> tuple[dict[str, Markup], Markup]:
+def embedded(models: dict[str, Any]) -> tuple[dict[str, Markup], Markup]:
     """What the page holds in the place of each plot, and the scripts that make them live: all of Bokeh is in the page,
     so it needs no network."""
     from bokeh.embed import components

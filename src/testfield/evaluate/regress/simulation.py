@@ -13,6 +13,7 @@ from testfield.evaluate.regress.check import GROWTH
 from testfield.evaluate.regress.suite import BUDGET, DRAWS, ERROR_RATE, Figure
 from testfield.evaluate.regress.verdict import Verdict, judged
 from testfield.seeds import generator
+from testfield.statistics.clusters import clopper_pearson
 
 SPREAD = 0.1
 """Standard deviation of a simulated figure from draw to draw; its mean is 1."""
@@ -34,6 +35,11 @@ class Alarms:
     alarms: int
     unknown: int
     error_rate: float
+
+    @property
+    def kept(self) -> bool:
+        """Whether the stated error rate was kept, as far as so many checks can tell (95 %, binomial)."""
+        return clopper_pearson(self.alarms, self.checks)[0] <= self.error_rate
 
 
 def simulated(
