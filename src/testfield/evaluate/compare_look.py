@@ -18,7 +18,17 @@ MOST_ROWS_SHOWN = 16
 STYLE = Path(report.__file__).parent / "compare_widgets.css"
 """What Bokeh's tabs and tables look like: they live in roots of their own, which the page's style does not reach."""
 NUMBER_PX, TEXT_PX = 80, 110
-WIDTHS_PX = {"figure": 290, "why": 420, "error": 210, "of": 160, "draws": 50, "draw": 50, "unpaired": 70, "floor": 90, "since": 200}
+WIDTHS_PX = {
+    "figure": 290,
+    "why": 420,
+    "error": 210,
+    "of": 160,
+    "draws": 50,
+    "draw": 50,
+    "unpaired": 70,
+    "floor": 90,
+    "since": 200,
+}
 """Widths of columns, by their heads where they are others than usual; a table stretches them to the page's width."""
 NUMBER = """<%= value == null || value !== value ? "–" : !isFinite(value) ? (value < 0 ? "−∞" : "∞") :
 Math.abs(value) >= 1e6 ? value.toExponential(2) : Number.isInteger(value) ? value : +value.toPrecision(4) %>"""
