@@ -27,6 +27,8 @@ from testfield.plan.job import Job
 
 LEAST_CODES = 2
 """Ring codes of a board that must be read before its dots have names (`detect/identify.py`)."""
+NAMED = 6
+"""Stations that a note names."""
 ONE_BOARD = ("zhang", "opencv", "opencv_ro", "colmap")
 GIVEN = ("stitched_given", "tsai", "dlt")
 """Calibrators that take the boards' certified poses as known."""
@@ -223,9 +225,10 @@ def _groups(
         raise _apart(job, pairs, of_pairs, counts, joined)
     has_image = (group[:images] == joined[0]) & np.isin(places, places[np.unique(pairs[:, 0])])
     has_board = np.isin(np.arange(boards), pairs[:, 1])
-    notes += [
-        f"station '{job.images[k]}' sees no board well enough and takes no part" for k in np.flatnonzero(~has_image)
-    ]
+    if not has_image.all():
+        lost = [f"'{job.images[k]}'" for k in np.flatnonzero(~has_image)]
+        named = ", ".join(lost[:NAMED]) + (f" and {len(lost) - NAMED} more" if len(lost) > NAMED else "")
+        notes.append(f"stations that see no board well enough and take no part: {named}")
     if method not in ONE_BOARD:
         notes += [
             f"board '{field.boards[k].name}' is seen by no station well enough" for k in np.flatnonzero(~has_board)

@@ -51,13 +51,18 @@ class PointCovariance:
     def blocks(self) -> np.ndarray:
         """(n, 3, 3) covariance of each point by itself, in mm^2."""
         n = len(self)
-        half = (self.by_shared @ self.shared).reshape(n, 3, -1)
-        return np.asarray(self.own + half @ np.swapaxes(self.by_shared.reshape(n, 3, -1), 1, 2))
+        half = (self.by_shared @ self.shared).reshape(n, 3, self.by_shared.shape[1])
+        return np.asarray(self.own + half @ np.swapaxes(self._wide, 1, 2))
 
     def take(self, points: np.ndarray) -> "PointCovariance":
         """The same of some points."""
-        wide = self.by_shared.reshape(len(self), 3, -1)[points]
-        return PointCovariance(self.own[points], wide.reshape(3 * len(wide), -1), self.shared, self.weights)
+        wide = self._wide[points]
+        own = wide.reshape(3 * len(wide), self.by_shared.shape[1])
+        return PointCovariance(self.own[points], own, self.shared, self.weights)
+
+    @property
+    def _wide(self) -> np.ndarray:
+        return self.by_shared.reshape(len(self), 3, self.by_shared.shape[1])
 
     def joint(self, points: np.ndarray) -> np.ndarray:
         """(3k, 3k) joint covariance of some points."""
@@ -76,7 +81,7 @@ class PointCovariance:
         a, b = ends.T
         direction = xyz_mm[a] - xyz_mm[b]
         direction = direction / np.linalg.norm(direction, axis=1, keepdims=True)
-        wide = self.by_shared.reshape(len(self), 3, -1)
+        wide = self._wide
         follows = np.einsum("di,dip->dp", direction, wide[a] - wide[b])
         shared = np.einsum("dp,dp->d", follows @ self.shared, follows)
         own = np.einsum("di,dij,dj->d", direction, self.own[a] + self.own[b], direction)

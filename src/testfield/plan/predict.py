@@ -104,7 +104,10 @@ def predict(plan: Planned, pixel_factor: float = 1.0) -> Prediction:
     shared, names = by_images(shared, names, network, plan.image_names)
     rays = _rays(plan, names, pixel_factor)
     method, notes = plan.job.scene.measure.reconstructor, list(plan.notes)
-    if method == "bundle":
+    if not len(rays.count):
+        nothing = np.zeros((0, len(shared)))
+        points = PointCovariance(np.zeros((0, 3, 3)), nothing, shared, "none")
+    elif method == "bundle":
         shared = _posterior(shared, information_of_points(rays, len(shared)))
         points = by_pixels(rays, shared)
     elif method == "gls" and flops_of(rays, shared) <= MOST_FLOPS:
@@ -117,13 +120,7 @@ def predict(plan: Planned, pixel_factor: float = 1.0) -> Prediction:
         notes.append(f"calibrator '{calibrator}': predicted as one bundle of the boards it uses")
     points, code = _with_control(points, plan, names)
     order = np.argsort(code)
-    points = PointCovariance(
-        points.own[order],
-        points.by_shared.reshape(len(code), 3, -1)[order].reshape(3 * len(code), -1),
-        points.shared,
-        points.weights,
-    )
-    code = code[order]
+    points, code = points.take(order), code[order]
     numbers = plan.points_of(code)
     return Prediction(
         planned=plan,
@@ -165,23 +162,43 @@ def _rays(plan: Planned, names: tuple[str, ...], pixel_factor: float) -> Rays:
     adjusted[plan.control_points] = True
     here = np.flatnonzero((network.point >= plan.first) & ~adjusted[network.point])
     number = np.cumsum(~adjusted[plan.first :]) - 1
+    return rays_at(
+        plan,
+        names,
+        network.point_mm[plan.first :][~adjusted[plan.first :]],
+        number[network.point[here] - plan.first],
+        network.image[here],
+        pixel_factor**2 * network.cov_px2[here],
+    )
+
+
+def rays_at(
+    plan: Planned,
+    names: tuple[str, ...],
+    xyz_mm: np.ndarray,
+    point: np.ndarray,
+    image: np.ndarray,
+    cov_px2: np.ndarray,
+) -> Rays:
+    """Rays of points (n, 3) in the datum frame, of which observations `point` (m,) in `image` (m,) of the network state
+    `cov_px2` (m, 2, 2); `names` are those of the shared unknowns."""
+    network = plan.network
     place = {name: k for k, name in enumerate(names)}
     several, interior_at = len(network.cameras) > 1, []
     for camera, sheet in zip(network.cameras, plan.job.imaging.cameras, strict=True):
         prefix = f"camera:{sheet.name}." if several else ""
         chosen = np.flatnonzero(camera.unknown)
         interior_at.append((chosen, np.array([place[prefix + camera.interior.names[k]] for k in chosen], int)))
-    image_at = np.array([place[f"station:{name}.rx"] for name in plan.image_names])
     return rays_of(
-        network.point_mm[plan.first :][~adjusted[plan.first :]],
-        number[network.point[here] - plan.first],
-        network.image[here],
-        pixel_factor**2 * network.cov_px2[here],
+        xyz_mm,
+        point,
+        image,
+        cov_px2,
         network.camera_from_datum(),
         network.images.camera,
         network.interiors,
         interior_at,
-        image_at,
+        np.array([place[f"station:{name}.rx"] for name in plan.image_names]),
     )
 
 

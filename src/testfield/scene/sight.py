@@ -41,3 +41,11 @@ def _tree(meshes: tuple[TrueMesh, ...]) -> Any:
     for mesh in meshes:
         TriangleMesh(tree, mesh.vertices_mm.astype(np.float32), mesh.faces.astype(np.int32))
     return tree
+
+
+def first_hits(origin_mm: np.ndarray, ways: np.ndarray, meshes: tuple[TrueMesh, ...]) -> np.ndarray:
+    """(n,) number of the face that a ray from one place (3,) along each way (n, 3) meets first, counted within its own
+    mesh; -1 where it meets none."""
+    origin = np.tile(origin_mm.astype(np.float32), (len(ways), 1))
+    found = _tree(meshes).run(origin, ways.astype(np.float32), query="INTERSECT")
+    return np.asarray(found, int)

@@ -6,6 +6,7 @@ that can hide something stands in one search tree, and a dot's image is its plan
 size; second order moves only its centre, which no covariance depends on).
 """
 
+from copy import copy
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -55,10 +56,7 @@ class Expected:
 
 
 class Expecting:
-    """What marks of a world a camera anywhere may expect to measure.
-
-    `clear_mm` is how near to a surface no camera can stand.
-    """
+    """What marks of a world a camera anywhere may expect to measure; `obstacles` are what can stand in its sight."""
 
     def __init__(self, scene: SceneFile, world: World):
         self.world = world
@@ -66,8 +64,9 @@ class Expecting:
         self.centre_mm, self.normal = world.mark_world_mm, world.mark_normal
         first, second = plane_axes(self.normal)
         R = world.panels.world_from_panel.R[world.marks.panel]
-        corner = world.marks.corner[:, None]
+        self.corner = world.marks.corner
         # Of a corner the two edges that meet in it count, and they run along the board's axes.
+        corner = self.corner[:, None]
         first, second = np.where(corner, R[:, :, 0], first), np.where(corner, R[:, :, 1], second)
         self.axes = np.stack([first, second], axis=-1)
         self.radius_mm = world.marks.diameter_mm / 2
@@ -75,6 +74,18 @@ class Expecting:
         self.clean = world.mark_clean == 1 if len(world.dirt) else np.ones(len(world.marks), bool)
         self.obstacles = (_panels_as_mesh(world), *world.meshes)
         self.contrast_dn, self.level_dn, self.sheet = levels(scene, world)
+
+    def elsewhere(self, centre_mm: np.ndarray, normal: np.ndarray, diameter_mm: float) -> "Expecting":
+        """The same of coded targets (n, 3) that are not there, in the median light; their numbers stand for marks."""
+        other, n = copy(self), len(centre_mm)
+        other.centre_mm, other.normal = centre_mm, normal
+        other.axes = np.stack(plane_axes(normal), axis=-1)
+        other.radius_mm = np.full(n, diameter_mm / 2)
+        other.printed = np.full(n, self.world.marks.radii.outer)
+        other.corner, other.clean = np.zeros(n, bool), np.ones(n, bool)
+        other.contrast_dn = np.full(n, np.median(self.contrast_dn))
+        other.level_dn = np.full(n, np.median(self.level_dn))
+        return other
 
     def at(self, poses: Poses) -> Expected:
         """Observations of all marks in full view from camera-from-world poses (S), as if each were a station."""
@@ -110,7 +121,7 @@ class Expecting:
         snr = weak * self.contrast_dn[mark] / np.sqrt(self.sheet.variance_dn2(level))
         # A blur circle of diameter c has the variance c^2 / 16 along each axis.
         edge = np.sqrt(world.psf_sigma_px**2 + 1 / 12 + blur**2 / 16 + (0.5 * world.optics.airy_px) ** 2)
-        corner = world.marks.corner[mark]
+        corner = self.corner[mark]
         cov = _of_discs(spread, snr, edge)
         cov[corner] = _of_corners(spread[corner], snr[corner], edge[corner])
         oblique = np.degrees(np.arccos(np.clip(cosine[mark], -1, 1)))
@@ -155,14 +166,15 @@ def _of_corners(spread: np.ndarray, snr: np.ndarray, edge_px: np.ndarray) -> np.
 
 def _panels_as_mesh(world: World) -> TrueMesh:
     """Everything flat or bent that may stand in a line of sight, lamps too, as one mesh."""
+    panels = world.panels
     vertices, faces, count = [], [], 0
-    for k in range(len(world.panels)):
-        n = STRIPS + 1 if world.panels.bent[k] else 2
+    for bent, n in ((False, 2), (True, STRIPS + 1)):
+        some = np.flatnonzero(panels.bent == bent)
         u, v = np.meshgrid(np.linspace(-0.5, 0.5, n), np.linspace(-0.5, 0.5, n))
-        xy = np.column_stack([u.ravel(), v.ravel()]) * world.panels.size_mm[k]
-        vertices.append(world.panels.place(np.full(len(xy), k), xy)[0])
-        faces.append(_cells(n) + count)
-        count += len(xy)
+        xy = np.column_stack([u.ravel(), v.ravel()]) * panels.size_mm[some, None]
+        vertices.append(panels.place(np.repeat(some, n * n), xy.reshape(-1, 2))[0])
+        faces.append((_cells(n) + n * n * np.arange(len(some))[:, None, None]).reshape(-1, 3) + count)
+        count += n * n * len(some)
     for lamp in world.lights:
         corner = np.array([[-1, -1, 0], [1, -1, 0], [-1, 1, 0], [1, 1, 0]]) / 2 * [*lamp.size_mm, 0]
         vertices.append(corner @ lamp.world_from_light.R[0].T + lamp.world_from_light.t_mm[0])
