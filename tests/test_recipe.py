@@ -23,6 +23,11 @@ WRONG = {
     "reconstructors = 3": "reconstructor",
     "smallest_diameter_px = 1": "smallest_diameter_px",
     'calibrator = { name = "stitched", lens = "brown", hold = ["k9"] }': "k9",
+    'calibrator = { name = "stitched", hold = 20 }': "calibrator.hold",
+    'calibrator = { name = "stitched", hold = [3.5] }': "calibrator.hold",
+    'calibrator = { name = "stitched", lens = {} }': "calibrator.lens",
+    'calibrator = { name = "stitched", lens = "browm" }': "'brown'",
+    'calibrator = { name = "stitched", rigs = 3 }': "calibrator.rigs",
 }
 
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import tomli_w
 from hypothesis import strategies as st
+from own import of_csv
 
 WEIRD = st.one_of(
     st.none(),
@@ -161,6 +162,8 @@ class Reader:
     """Files taken away first, so that the command has something to do."""
 
 
+MEASURE = "measure with"
+"""In the place of a command, what measures a run with a recipe (`own.measure_with`)."""
 READERS = {
     "scene": Reader("scene.toml", of_toml, ("validate", "{}/scene.toml")),
     "scene of a run": Reader("scene.toml", of_toml, ("score", "{}"), ("scorecard.json",)),
@@ -199,6 +202,20 @@ READERS = {
     "points, accepted": Reader("points.parquet", of_parquet, ("accept", "{}", "--a-mm", "1")),
     "scorecard": Reader("scorecard.json", of_json, ("report", "{}"), ("report.html",)),
     "ledger": Reader("run.json", of_json, ("report", "{}"), ("report.html",)),
+    "recipe": Reader("own/recipe.toml", of_toml, ("validate", "{}/own/recipe.toml")),
+    "comparison": Reader("own/comparison.toml", of_toml, ("validate", "{}/own/comparison.toml")),
+    "algorithm of one's own": Reader("own/brightest.py", changed_bytes, ("validate", "{}/own/recipe.toml")),
+    "centres of a program": Reader("own/centres.csv", of_csv, (MEASURE, "{}", "{}/own/program.toml")),
+    "centres made elsewhere": Reader("own/detector/station01.csv", of_csv, (MEASURE, "{}", "{}/own/detector.toml")),
+    "export sheet": Reader("own/detector/export.json", of_json, (MEASURE, "{}", "{}/own/detector.toml")),
+    "camera of a program": Reader("own/calibrator/camera.json", of_json, (MEASURE, "{}", "{}/own/calibrating.toml")),
+    "camera made elsewhere": Reader("own/calibrator/camera.json", of_json, (MEASURE, "{}", "{}/own/calibrator.toml")),
+    "points of a program": Reader(
+        "own/reconstructor/points.csv", of_csv, (MEASURE, "{}", "{}/own/reconstructing.toml")
+    ),
+    "points made elsewhere": Reader(
+        "own/reconstructor/points.csv", of_csv, (MEASURE, "{}", "{}/own/reconstructor.toml")
+    ),
 }
 
 

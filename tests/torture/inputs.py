@@ -13,6 +13,7 @@ from typing import Any
 import cases
 from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
+from own import measure_with
 
 BATCH = 25
 CPU_S, MEMORY_MB = 20, 2000
@@ -20,10 +21,13 @@ ROOM_BYTES = 8 << 30
 """Address space beyond which a process is stopped before the machine suffers; what counts is memory in use."""
 
 
-def feed(count: int, folder: Path, sound: Path) -> list[dict[str, Any]]:
-    """Results of `count` inputs, those kept in `folder`/inputs.jsonl not done again."""
+def feed(count: int, folder: Path, sound: Path, only: str = "") -> list[dict[str, Any]]:
+    """Results of `count` inputs for readers with `only` in their names, those kept in `folder`/inputs.jsonl not done
+    again."""
     import testfield.chain.stages
     import testfield.cli.main  # everything is imported once, before the forks
+    import testfield.evaluate.comparison_cases
+    import testfield.measure.recipe_file
     import testfield.report.page
     import testfield.uncertainty.statement  # noqa: F401
 
@@ -31,10 +35,11 @@ def feed(count: int, folder: Path, sound: Path) -> list[dict[str, Any]]:
     done = [json.loads(line) for line in kept.read_text().splitlines()] if kept.exists() else []
     batches = {(row["reader"], row["batch"]) for row in done if row.get("last")}
     done = [row for row in done if (row["reader"], row["batch"]) in batches]
-    rounds = -(-count // (len(cases.READERS) * BATCH))
+    names = [name for name in cases.READERS if only in name]
+    rounds = -(-count // (len(names) * BATCH))
     for number in range(rounds):
-        for name in cases.READERS:
-            size = min(BATCH, -(-count // len(cases.READERS)) - number * BATCH)
+        for name in names:
+            size = min(BATCH, -(-count // len(names)) - number * BATCH)
             if size < 1 or (name, number) in batches:
                 continue
             rows = _batch(name, number, size, folder, sound)
@@ -117,7 +122,7 @@ def _child(command: list[str], said: Path) -> None:
         resource.setrlimit(resource.RLIMIT_AS, (ROOM_BYTES, ROOM_BYTES))
         from testfield.cli.main import main
 
-        code = main(command)
+        code = measure_with(command[1:]) if command[0] == cases.MEASURE else main(command)
     except SystemExit as end:
         code = end.code if isinstance(end.code, int) else 1
     except BaseException:

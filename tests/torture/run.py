@@ -16,8 +16,9 @@ SCENES = HERE.parents[1] / "scenes"
 
 
 def sound_folder(folder: Path) -> Path:
-    """A small finished run with meshes, photographs and a field file beside it; made once, of the run in
-    `folder`/finished if there is one."""
+    """A small finished run with meshes, photographs, a field file and algorithms of one's own beside it; made once, of
+    the run in `folder`/finished if there is one."""
+    from own import make_own
     from sound import make_sound
 
     if not (folder / "sound.done").exists():
@@ -28,6 +29,7 @@ def sound_folder(folder: Path) -> Path:
             command = [sys.executable, "-m", "testfield", "run", str(HERE / "tiny.toml")]
             subprocess.run([*command, "--out", str(folder / "sound"), "--jobs", "1"], check=True, capture_output=True)
         make_sound(folder / "sound")
+        make_own(folder / "sound")
         (folder / "sound.done").touch()
     return folder / "sound"
 
@@ -50,6 +52,7 @@ def main() -> int:
     """Do what is missing and print the table."""
     p = argparse.ArgumentParser(description=__doc__)
     p.add_argument("--inputs", type=int, default=10_000)
+    p.add_argument("--only", default="", help="readers with this text in their names")
     p.add_argument("--kills", type=int, default=100)
     p.add_argument("--pairs", type=int, default=20)
     p.add_argument("--scene", type=Path, default=SCENES / "quick.toml", help="what is killed, and run twice at once")
@@ -61,7 +64,7 @@ def main() -> int:
     if args.inputs:
         from inputs import feed
 
-        bad += table("mutated inputs", feed(args.inputs, folder, sound_folder(folder)), "reader")
+        bad += table("mutated inputs", feed(args.inputs, folder, sound_folder(folder), args.only), "reader")
     if args.kills or args.pairs:
         from ends import kills, pairs
 

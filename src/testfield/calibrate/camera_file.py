@@ -52,6 +52,8 @@ def read_camera_file(path: Path, field: Field) -> tuple[tuple[Interior, ...], Ca
         covariance(sheet.covariance, "covariance", len(sheet.labels))
     if sheet.boards and not sheet.stations:
         raise ValueError("boards without stations: give the exterior orientations too, or leave out both")
+    poses_of(list(sheet.stations.values()), "stations")
+    poses_of(list(sheet.boards.values()), "boards")
     members = {(rig.name, camera) for rig in field.rigs for camera in rig.cameras}
     for one in sheet.rigs:
         if (one.rig, one.camera) not in members:
@@ -72,12 +74,12 @@ def check_sizes(interiors: tuple[Interior, ...], cameras: tuple[CameraSheet, ...
             )
 
 
-def poses_of(tables: list[PoseTable]) -> Poses:
-    """Poses (n). Raises `TestfieldError` where a matrix is no rotation."""
-    R = array([table.R for table in tables], "R", len(tables), 3, 3)
+def poses_of(tables: list[PoseTable], where: str) -> Poses:
+    """Poses (n). Raises `ValueError` where a matrix is no rotation, or of another shape."""
+    R = array([table.R for table in tables], f"{where}, R", len(tables), 3, 3)
     if np.abs(R @ np.swapaxes(R, 1, 2) - np.eye(3)).max(initial=0) > 1e-6:
-        raise TestfieldError("R is no rotation", "stations", "give rotation matrices")
-    return Poses(R, array([table.t_mm for table in tables], "t_mm", len(tables), 3))
+        raise ValueError(f"{where}, R is no rotation")
+    return Poses(R, array([table.t_mm for table in tables], f"{where}, t_mm", len(tables), 3))
 
 
 def _interiors(sheet: CameraFile, names: list[str], path: Path) -> tuple[Interior, ...]:

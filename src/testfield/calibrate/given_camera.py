@@ -164,10 +164,10 @@ def _with_given(found: Calibration, sheet: CameraFile, path: Path) -> Calibratio
     _all_given("station", found.station_names, sheet.stations, path)
     if sheet.boards:
         _all_given("board", found.board_names, sheet.boards, path)
-    given = poses_of([sheet.stations[name] for name in found.station_names])
+    given = poses_of([sheet.stations[name] for name in found.station_names], "stations")
     if not sheet.boards:  # told from the first board's frame
         return replace(found, stations=given)
-    boards = poses_of([sheet.boards[name] for name in found.board_names])
+    boards = poses_of([sheet.boards[name] for name in found.board_names], "boards")
     datum = Poses(*(np.repeat(values[:1], len(given), axis=0) for values in (boards.R, boards.t_mm)))
     back = Poses(*(np.repeat(values, len(boards), axis=0) for values in vars(boards[:1].inverse()).values()))
     return replace(found, stations=given.after(datum), boards=back.after(boards))

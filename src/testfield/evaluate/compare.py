@@ -80,7 +80,7 @@ class Compared:
 def conclude(rows: pd.DataFrame, recipes: Sequence[str], matters: Mapping[str, float]) -> Compared:
     """What the rows of `cases_of` say; `matters` by unit, from which difference on it matters."""
     rows = rows.assign(**{name: absent for name, absent in (("factor", ""), ("level", -1)) if name not in rows})
-    own = rows[rows.recipe.isin(recipes)]
+    own = rows[rows.recipe.isin(recipes)].dropna(axis=1, how="all")  # what the known rows alone have is no recipe's
     own = own.assign(**{COMMON.key: of_common(own)})
     metrics = [metric for metric in METRICS if metric.key in own]
     tables = {metric: table_of(own, metric) for metric in metrics}

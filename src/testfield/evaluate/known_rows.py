@@ -10,7 +10,7 @@ from testfield.calibrate.calibration import Calibration
 from testfield.camera.pose import Poses
 from testfield.chain.run import Run
 from testfield.detect.observations import MEASURED, Observations
-from testfield.evaluate.compared_columns import camera_columns, centre_columns, length_columns, point_columns
+from testfield.evaluate.compared_columns import centre_columns
 from testfield.evaluate.measured import flat
 from testfield.evaluate.metrics import CENTRE, CORNER, POINTS
 from testfield.reconstruct.points import Points
@@ -40,8 +40,8 @@ WITHIN = {CORNER.key: 0.5}
 
 
 def known_row(run: Run, kind: str) -> dict[str, Any]:
-    """The row of `TRUTH` or `BROKEN` of a run's scene: the scorecard by its paths, all errors, and under `KNOWN` what
-    the figures must be."""
+    """The row of `TRUTH` or `BROKEN` of a run's scene: the scorecard by its paths, the centres' errors, and under
+    `KNOWN` what the figures must be."""
     broken = kind == BROKEN
     world, cameras = run.world, run.truth.cameras or {"": run.world}
     seen, calibration = true_observations(run, broken), true_calibration(run, broken)
@@ -55,8 +55,7 @@ def known_row(run: Run, kind: str) -> dict[str, Any]:
         "points": {"method": kind} | of_points.card(),
         "lengths": score_lengths(world, calibration, points),
     }
-    row = flat(plain(card)) | centre_columns(score, run.views) | camera_columns(cameras, calibration)
-    row |= point_columns(of_points) | length_columns(of_points)
+    row = flat(plain(card)) | centre_columns(score, run.views)
     middle = of_points.true_mm.mean(axis=0) if len(of_points.code) > 2 else 0.0  # fewer are not fitted
     spread = of_points.true_mm - middle
     corner = max(

@@ -72,10 +72,20 @@ class Recipe:
         checks: list[Callable[[], None]] = [
             partial(_check_stage, stage, one, source) for stage, one in self.stages.items()
         ]
-        lens = self.lens
-        if lens is not None:
-            checks.append(lambda: check_held(self.hold, lens, f"{source}, calibrator.hold"))
+        checks.append(partial(self._check_lens, f"{source}, calibrator"))
         gather(*checks)
+
+    def _check_lens(self, where: str) -> None:
+        """The options that every calibrator is given, whatever their defaults."""
+        options, known = self.calibrator.options, names("lenses")
+        lens, hold = options.get("lens"), options.get("hold", ())
+        if not isinstance(hold, (tuple, list)) or not all(isinstance(name, str) for name in hold):
+            raise TestfieldError(f"value {str(hold)[:60]!r}: a list of texts is wanted", f"{where}.hold", "as ['k3']")
+        if lens is not None and lens not in known:
+            do = nearest(lens, known) if isinstance(lens, str) else f"known here: {', '.join(known)}"
+            raise TestfieldError(f"no lens model is called {str(lens)[:60]!r}", f"{where}.lens", do)
+        if lens is not None:
+            check_held(hold, lens, f"{where}.hold")
 
     def prepare(self) -> None:
         """Import what the recipe loads, in whatever process it has come to."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from inspect import Parameter, signature
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +40,10 @@ def check_signature(stage: str, name: str, options: Mapping[str, Any], where: st
             do = nearest(option, known) if known else "it takes none"
             raise TestfieldError(f"'{name}' takes no option '{option}'", f"{where}.{option}", do)
     given, found = GIVEN[stage], signature(find(stage, name))
+    for option, value in options.items():
+        if option in found.parameters and (wanted := _not_like(value, found.parameters[option].default)):
+            said = str(value)[:60]
+            raise TestfieldError(f"value {said!r}: {wanted} is wanted", f"{where}.{option}", "as its default is")
     place = f"{_file_of(find(stage, name))}, {find(stage, name).__qualname__}{found}"
     contract = f"{KINDS[stage]}s are given {', '.join(given)}" + "".join(f", {name}=" for name in ALWAYS.get(stage, ()))
     by_position = [
@@ -57,6 +62,21 @@ def check_signature(stage: str, name: str, options: Mapping[str, Any], where: st
         found.bind(*given, **dict.fromkeys((*ALWAYS.get(stage, ()), *options)))
     except TypeError as error:
         raise TestfieldError(f"'{name}' cannot be called ({error})", place, contract) from error
+
+
+def _not_like(value: Any, default: Any) -> str:
+    """What is wanted in the place of a value that is of another kind than an option's default; "" where it is of that
+    kind, or where the default does not tell."""
+    if isinstance(default, bool):
+        return "" if isinstance(value, bool) else "true or false"
+    if isinstance(default, (int, float)):
+        number = isinstance(value, (int, float)) and not isinstance(value, bool) and isfinite(value)
+        return "" if number else "a finite number"
+    if isinstance(default, str):
+        return "" if isinstance(value, str) else "a text"
+    if isinstance(default, (tuple, list)):
+        return "" if isinstance(value, (tuple, list)) else "a list"
+    return ""
 
 
 def _file_of(function: Any) -> str:
