@@ -15,11 +15,12 @@ from testfield.plan.datum import rms_in_board
 from testfield.plan.job import Job
 from testfield.plan.network import planned
 from testfield.plan.predict import Prediction, predict_scene
-from testfield.scene.load import load_scene
+from testfield.scene.exposure import sensor_of
+from testfield.scene.load import load_scene, parse_scene
 from testfield.scene.schema import SceneFile
 from testfield.scene.truth import see
 from testfield.score.align import aligned_covariance, rigid_basis
-from testfield.simulate.observations import draw_observations
+from testfield.seeds import normals
 
 SCENES = Path(__file__).parents[1] / "scenes"
 
@@ -42,8 +43,9 @@ def found(job: Job) -> Prediction:
 def test_predicted_uncertainties_are_those_that_the_measurement_states(
     scene: SceneFile, job: Job, found: Prediction
 ) -> None:
-    seen = draw_observations(scene, job.world, see(job.world), 3)
-    measured = measure(seen, job.told, recipe_of(scene))
+    exact = job.observations
+    noise = np.einsum("nij,nj->ni", np.linalg.cholesky(exact.cov_px2), normals(3, "plan", len(exact), 2))
+    measured = measure(replace(exact, xy_px=exact.xy_px + noise), job.told, recipe_of(scene))
     rows = np.array([found.rows((int(code),)) for code in measured.points.code]).ravel()
     stated = np.sqrt(np.diag(measured.points.cov_xyz_mm2)).reshape(-1, 3)
     assert len(rows) == 12
@@ -124,3 +126,37 @@ def test_a_narrow_view_a_lonely_target_and_an_uncontrolled_scale_are_warned_of(j
     keep = ((board != 2) | (job.expected.station < 1)) & ((code != 201) | first) & ~np.isin(code, (111, 112))
     warned = " ".join(card_of(predict_scene(replace(job, expected=job.expected.take(keep))))["warnings"])
     assert all(word in warned for word in ("'C'", "201", "check bar"))
+
+
+def test_the_light_of_a_mark_is_what_a_lamp_and_an_open_sky_throw_on_it() -> None:
+    """A card on the floor of an empty world under a small lamp, by hand: E = L A cos cos / d^2, and pi L of the sky."""
+    text = """
+name = "card"
+u_print_scale_ppm = 0
+[room]
+ambient_w_m2_sr = 0.5
+[[room.lights]]
+size_mm = [20, 20]
+position_mm = [0, 0, 2000]
+normal = [0, 0, -1]
+radiance_w_m2_sr = 900.0
+[[boards]]
+name = "A"
+position_mm = [0, 0, 0]
+normal = [0, 0, 1]
+kind = "plate"
+[kinds.plate]
+extension_zone = { columns = 3, rows = 3, pitch_mm = 75, centre_mm = [145, 0] }
+recognition_zone = { columns = 2, rows = 6, pitch_mm = 125, centre_mm = [-435, 0], first_code = 1 }
+[[stations]]
+position_mm = [0, -300, 3000]
+look_at_mm = [0, 0, 0]
+"""
+    expecting = Job.of(parse_scene(text, "card.toml"), "card.toml").expecting[0]
+    world, sensor = expecting.world, sensor_of(parse_scene(text, "card.toml"))
+    place = world.mark_world_mm
+    d2 = (place**2).sum(axis=1) - 2 * 2000 * place[:, 2] + 2000**2
+    light = 900.0 * 400 * 2000**2 / d2**2 + np.pi * 0.5
+    albedo = world.panels.ink_albedo[0] - world.panels.ground_albedo[0]
+    contrast = albedo * light / np.pi * sensor.electrons_per_radiance / sensor.gain_e_per_dn
+    assert expecting.contrast_dn / contrast == pytest.approx(np.ones(len(place)), abs=0.01)

@@ -11,6 +11,7 @@ from testfield.errors import TestfieldError
 from testfield.plan.job import Job
 from testfield.scene.frames import camera_looking
 from testfield.scene.sight import first_hits, hidden_by_meshes
+from testfield.scene.world import TrueMesh
 from testfield.simulate.expected import Expected
 
 KINDS = ("sphere", "grid", "mesh")
@@ -135,13 +136,13 @@ def _free(job: Job, at: np.ndarray, eyes: np.ndarray, clearance_mm: float) -> np
     return free
 
 
-def _inside(mesh: object, place: np.ndarray, feelers: np.ndarray) -> bool:
+def _inside(mesh: TrueMesh, place: np.ndarray, feelers: np.ndarray) -> bool:
     """Whether a place is within a closed mesh: rays from there leave it through the backs of its faces."""
-    hit = first_hits(place, feelers, (mesh,))  # type: ignore[arg-type]
+    hit, _ = first_hits(np.tile(place, (len(feelers), 1)), feelers, (mesh,))
     met = hit >= 0
     if met.mean() < 0.9:
         return False
-    backs = np.einsum("ni,ni->n", mesh.normals[hit[met]], feelers[met]) > 0  # type: ignore[attr-defined]
+    backs = np.einsum("ni,ni->n", mesh.normals[hit[met]], feelers[met]) > 0
     return bool(backs.mean() > 0.5)
 
 

@@ -72,14 +72,14 @@ def white_radiance(world: World) -> tuple[np.ndarray, np.ndarray]:
     panel = world.marks.panel
     ink, ground = world.panels.ink_albedo[panel], world.panels.ground_albedo[panel]
     white, black = np.maximum(ink, ground), np.minimum(ink, ground)
-    flash, returned = _flash(world)
+    flash, returned = flash_light(world)
     light = _irradiance(world) + flash
     shining = np.where(world.panels.carry(LUMINOUS)[panel], world.luminous_radiance, 0)
     bright = white * light / np.pi + returned + shining
     return bright, bright - black * light / np.pi
 
 
-def _flash(world: World) -> tuple[np.ndarray, np.ndarray]:
+def flash_light(world: World) -> tuple[np.ndarray, np.ndarray]:
     """(marks,) irradiance from the camera's flash at the best lit station, and radiance that retro ink sends back."""
     light, returned = np.zeros(len(world.marks)), np.zeros(len(world.marks))
     if world.flash is None:

@@ -43,9 +43,14 @@ def _tree(meshes: tuple[TrueMesh, ...]) -> Any:
     return tree
 
 
-def first_hits(origin_mm: np.ndarray, ways: np.ndarray, meshes: tuple[TrueMesh, ...]) -> np.ndarray:
-    """(n,) number of the face that a ray from one place (3,) along each way (n, 3) meets first, counted within its own
-    mesh; -1 where it meets none."""
-    origin = np.tile(origin_mm.astype(np.float32), (len(ways), 1))
-    found = _tree(meshes).run(origin, ways.astype(np.float32), query="INTERSECT")
-    return np.asarray(found, int)
+def first_hits(origin_mm: np.ndarray, ways: np.ndarray, meshes: tuple[TrueMesh, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """(n,) number of the face, counted through all meshes, that rays from places (n, 3) along ways (n, 3) meet first,
+    -1 where they meet none; and (n,) how far along the way it is."""
+    found = _tree(meshes).run(
+        np.ascontiguousarray(origin_mm, np.float32), np.ascontiguousarray(ways, np.float32), query="INTERSECT", output=1
+    )
+    first = np.cumsum([0, *(len(mesh.faces) for mesh in meshes)])
+    mesh, face = np.asarray(found["geomID"], int), np.asarray(found["primID"], int)
+    met = (mesh >= 0) & (mesh < len(meshes)) & (face >= 0)
+    number = np.where(met, face + first[np.where(met, mesh, 0)], -1)
+    return number, np.where(met, np.asarray(found["tfar"], float), np.inf)
