@@ -76,6 +76,7 @@ def test_one_that_cannot_be_installed_is_said_with_pip_s_own_words(
     tmp_path: Path, capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    (tmp_path / "d.py").write_text("")
     (tmp_path / "a.toml").write_text(
         'environment = { packages = ["no-such-package-here==9"] }\n[detector]\ncommand = "python d.py {csv}"\n'
     )

@@ -118,3 +118,28 @@ def test_what_does_not_lie_beside_stays_imported(deeper: str, tmp_path: Path, mo
     path.write_text("import shared_by_all\n" + path.read_text())
     registry.load_file(path)
     assert sys.modules.pop("shared_by_all").__file__ == str(tmp_path / deeper / "shared_by_all.py")
+
+
+def test_the_digest_follows_packages_beside_each_file_with_all_that_is_in_them(tmp_path: Path) -> None:
+    path = version(tmp_path / "own", "with_deep_package", 1)
+    for name, text in (
+        ("helpers/__init__.py", "from .deep.gain import GAIN\n"),
+        ("helpers/deep/gain.py", "import beside\nGAIN = beside.GAIN\n"),
+        ("beside.py", "GAIN = 1\n"),
+        ("others/__init__.py", "GAIN = 7\n"),
+    ):
+        (path.parent / name).parent.mkdir(parents=True, exist_ok=True)
+        (path.parent / name).write_text(text)
+    path.write_text(path.read_text().replace("helper", "helpers"))
+    registry.load_file(path)
+    found = [digest("with_deep_package")]
+    for name, text in (
+        ("helpers/deep/gain.py", "import beside\nGAIN = 2 * beside.GAIN\n"),
+        ("beside.py", "GAIN = 3\n"),
+        ("helpers/__init__.py", "from .deep.gain import GAIN\nOFFSET = 1\n"),
+    ):
+        (path.parent / name).write_text(text)
+        found.append(digest("with_deep_package"))
+    assert len(set(found)) == 4
+    (path.parent / "others/__init__.py").write_text("GAIN = 8\n")  # which it does not import
+    assert digest("with_deep_package") == found[-1]

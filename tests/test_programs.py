@@ -71,6 +71,24 @@ def test_centres_without_names_get_those_of_the_marks_that_are_there(tiny: Run, 
     assert found.code[-1] == 0 and found.board[-1] == -1
 
 
+def test_the_time_of_a_program_is_told_without_our_naming(tiny: Run, tmp_path: Path) -> None:
+    from testfield.evaluate.compared import Until, _measured
+
+    frames = [Frame.load(tiny.folder / f"frames/{name}.png", name) for name in tiny.stations]
+    for k, frame in enumerate(frames):
+        own = detect(frame, tiny.field, Recipe()).measured
+        rows = "".join(f"{x!r},{y!r}\n" for x, y in own.xy_px.tolist())
+        (tmp_path / f"{k}.csv").write_text("x_px,y_px\n" + rows)
+    recipe = program(tmp_path, 'sleep 0.05; cat 0.csv > "$2"')
+    row = _measured(frames, tiny, recipe, Until.DETECT)
+    assert row["time_naming_s"] > 0 and row["time_detect_s"] > 0.2
+    begun = time.perf_counter()
+    again = _measured(frames, tiny, recipe, Until.DETECT)
+    both = again["time_naming_s"] + again["time_detect_s"]
+    assert both < time.perf_counter() - begun and again["cpu_detect_s"] < both
+    assert "time_naming_s" not in _measured(frames, tiny, Recipe(), Until.DETECT)
+
+
 @pytest.mark.parametrize("black", [64, 64.0])
 def test_eight_bits_go_from_black_to_full_and_a_pgm_holds_every_pixel(black: float) -> None:
     pixels = np.array([[0, 64, 2079, 4095]] * 2, np.uint16)

@@ -94,3 +94,33 @@ def test_a_file_that_is_renamed_while_its_size_is_asked_spoils_nothing(
     monkeypatch.setattr(Path, "is_file", and_moved)
     run_program(Program("sleep 0.2", tmp_path), {}, work, "here")
     assert moved and is_file(work / "centres.csv")
+
+
+INSTALLS = """
+import sys
+from pathlib import Path
+from testfield.measure.environment import _run
+
+here = Path(sys.argv[1])
+(here / "environment").mkdir()
+_run(["sh", str(here / "hangs.sh")], ("mine",), "here", here / "environment")
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
+def test_an_installation_ends_with_the_command_that_began_it_and_leaves_nothing_half_made(
+    number: int, tmp_path: Path
+) -> None:
+    (tmp_path / "hangs.sh").write_text(f"cd {tmp_path}\n{HANGS}")
+    process = subprocess.Popen([sys.executable, "-c", INSTALLS, str(tmp_path)], start_new_session=True)
+    try:
+        assert _within(60, (tmp_path / "ids").exists)
+        pids = [int(word) for word in (tmp_path / "ids").read_text().split()]
+        assert all(_lives(pid) for pid in pids)
+        process.send_signal(number)
+        assert _within(10, lambda: not any(_lives(pid) for pid in pids))
+        assert _within(10, lambda: not (tmp_path / "environment").exists())
+    finally:
+        process.kill()
+        process.wait()

@@ -1,6 +1,5 @@
 """What a comparison measures of one setup, one draw of noise and one recipe: scorecard, times, and every error."""
 
-import time
 from enum import Enum
 from typing import Any
 
@@ -14,6 +13,7 @@ from testfield.evaluate.compared_columns import camera_columns, centre_columns, 
 from testfield.evaluate.failures import KIND, Kind, failure_columns
 from testfield.evaluate.known_rows import known_row
 from testfield.evaluate.measured import flat, frames_of
+from testfield.measure.aside import clocks, spent
 from testfield.measure.pipeline import calibrate, detect, reconstruct
 from testfield.measure.recipe import Recipe
 from testfield.measure.results import recipe_at
@@ -67,13 +67,17 @@ def compared_row(case: Case, run: Run | None) -> list[dict[str, Any]]:
 def _measured(frames: list[Frame], run: Run, recipe: Recipe, until: Until) -> dict[str, Any]:
     """The row's figures, as far as the recipe comes."""
     row: dict[str, Any] = {}
-    stage, begun = Until.DETECT, _clocks()
+    spent()  # what a case that failed left behind is none of this one's
+    stage, begun = Until.DETECT, clocks()
 
     def done() -> None:
         nonlocal begun
-        for clock, now in _clocks().items():
-            row[f"{clock}_{stage.value}_s"] = now - begun[clock]
-        begun = _clocks()
+        ours = spent()
+        for clock, now in clocks().items():
+            row[f"{clock}_{stage.value}_s"] = now - begun[clock] - ours[clock]
+        if ours["time"] > 0:
+            row["time_naming_s"] = ours["time"]
+        begun = clocks()
 
     score: DetectionScore | None = None
     try:
@@ -84,7 +88,7 @@ def _measured(frames: list[Frame], run: Run, recipe: Recipe, until: Until) -> di
         row |= flat(plain({"detection": score.card()})) | centre_columns(score, run.views)
         if until is Until.DETECT:
             return row
-        stage, begun = Until.CALIBRATE, _clocks()
+        stage, begun = Until.CALIBRATE, clocks()
         calibration = calibrate(seen, run.field, recipe)
         done()
         cameras = run.truth.cameras or {"": run.world}
@@ -96,7 +100,7 @@ def _measured(frames: list[Frame], run: Run, recipe: Recipe, until: Until) -> di
             row[KIND] = Kind.NOT_CONVERGED.value
         if until is Until.CALIBRATE:
             return row
-        stage, begun = Until.RECONSTRUCT, _clocks()
+        stage, begun = Until.RECONSTRUCT, clocks()
         points = reconstruct(seen, calibration, run.field, recipe)
         done()
         of_points = score_points(run.world, calibration, points)
@@ -108,12 +112,6 @@ def _measured(frames: list[Frame], run: Run, recipe: Recipe, until: Until) -> di
         raise
     except Exception as error:  # whatever somebody's algorithm does, the others are compared
         return row | _nothing_found(run, score) | failure_columns(error, stage.value)
-
-
-def _clocks() -> dict[str, float]:
-    """Seconds: `time` that has passed, and `cpu` that this process has worked, which other work beside it lengthens
-    far less."""
-    return {"time": time.perf_counter(), "cpu": time.process_time()}
 
 
 def _nothing_found(run: Run, score: DetectionScore | None) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from testfield.errors import TestfieldError
+from testfield.measure.keeper import end, keeper
 from testfield.store.digests import digest
 from testfield.store.text import read_text, write_text
 
@@ -79,39 +80,47 @@ def _installed(folder: Path) -> dict[str, str]:
 
 
 def _make(folder: Path, packages: tuple[str, ...], where: str) -> None:
-    _run([sys.executable, "-m", "venv", str(folder)], packages, where)
+    _run([sys.executable, "-m", "venv", str(folder)], packages, where, folder)
     pip = [str(_python(folder)), "-m", "pip", "--disable-pip-version-check", "--no-input"]
-    _run([*pip, "install", "--quiet", "--prefer-binary", "--", *packages], packages, where)
-    listed = json.loads(_run([*pip, "list", "--format", "json"], packages, where))
+    _run([*pip, "install", "--quiet", "--prefer-binary", "--", *packages], packages, where, folder)
+    listed = json.loads(_run([*pip, "list", "--format", "json"], packages, where, folder))
     installed = {one["name"]: one["version"] for one in listed if one["name"] not in ("pip", "setuptools")}
     about = {"packages": list(packages), "python": platform.python_version(), "installed": installed}
     write_text(folder / SHEET, json.dumps(about, indent=1))
 
 
-def _run(command: list[str], packages: tuple[str, ...], where: str) -> str:
-    """What a step prints. Raises `TestfieldError` with its last words where it fails."""
-    try:
-        done = subprocess.run(
+def _run(command: list[str], packages: tuple[str, ...], where: str, folder: Path) -> str:
+    """What a step prints. Raises `TestfieldError` with its last words where it fails. Where this process is itself
+    ended meanwhile, the step is too, and the environment's `folder` is removed."""
+    with keeper(folder) as keep:
+        process = subprocess.Popen(
             command,
-            capture_output=True,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
             text=True,
             errors="replace",
-            timeout=MOST_TIME_S,
-            check=False,
-            stdin=subprocess.DEVNULL,
+            start_new_session=True,
             env=variables_of(packages),
         )
-    except subprocess.TimeoutExpired as error:
-        raise TestfieldError(
-            f"{', '.join(packages)} cannot be installed within {MOST_TIME_S:g} s", where, "name releases with wheels"
-        ) from error
-    if done.returncode:
-        lines = [" ".join(line.split()) for line in (done.stderr or done.stdout).splitlines() if line.strip()]
+        try:
+            keep(process.pid)
+            out, said = process.communicate(timeout=MOST_TIME_S)
+        except subprocess.TimeoutExpired as error:
+            raise TestfieldError(
+                f"{', '.join(packages)} cannot be installed within {MOST_TIME_S:g} s",
+                where,
+                "name releases with wheels",
+            ) from error
+        finally:
+            end(process)
+    if process.returncode:
+        lines = [" ".join(line.split()) for line in (said or out).splitlines() if line.strip()]
         words = "".join(letter if letter.isprintable() else "?" for letter in " / ".join(lines[-2:]))[-WORDS:]
         raise TestfieldError(
             f"{', '.join(packages)} cannot be installed: '{words}'", where, "name releases that the index has"
         )
-    return done.stdout
+    return out
 
 
 @contextlib.contextmanager

@@ -4,17 +4,17 @@ Whatever goes wrong is a `TestfieldError` with the program's own last words, whi
 """
 
 import contextlib
-import os
 import shlex
 import signal
 import subprocess
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
 from testfield.errors import TestfieldError
 from testfield.measure.blame import Crashed, TimedOut
 from testfield.measure.environment import python_of, variables_of
+from testfield.measure.keeper import end, keeper
 from testfield.measure.outside import Program, is_python, program_of
 from testfield.store.memory import look_at
 
@@ -23,11 +23,6 @@ MOST_BYTES = 256 * 1024 * 1024
 LOOK_S = 0.02
 WORDS = 300
 """Characters of a program's own words that are repeated."""
-KEEPER = """
-read -r group && { read -r ended && exit; kill -KILL "-$group"; }
-rm -rf -- "$1"
-"""
-"""A shell that reads a program's group, and then nothing but the end of the pipe where we ended before the program."""
 
 
 def run_program(program: Program, files: Mapping[str, Path], work: Path, about: str) -> None:
@@ -40,7 +35,7 @@ def run_program(program: Program, files: Mapping[str, Path], work: Path, about: 
     words = [_filled(word, files) for word in shlex.split(program.command)]
     words[0] = str(_first(program, words[0]))
     where, said = f"{program.name}, {about}", work / "said.txt"
-    with _keeper(work) as keep:
+    with keeper(work) as keep:
         with said.open("wb") as output:
             try:
                 process = subprocess.Popen(
@@ -58,37 +53,9 @@ def run_program(program: Program, files: Mapping[str, Path], work: Path, about: 
             keep(process.pid)
             _wait(process, program.time_limit_s, work, where)
         finally:
-            _end(process)
+            end(process)
     if process.returncode:
         raise Crashed(f"it {_how(process.returncode)}{_own_words(said)}", where, "mend the program")
-
-
-@contextlib.contextmanager
-def _keeper(work: Path) -> Iterator[Callable[[int], None]]:
-    """What is told of a program's group ends it, and removes `work`, if this process ends within the block.
-
-    The kernel's own signal at a parent's death reaches the program alone, and not what it started.
-    """
-    keeper = subprocess.Popen(
-        ["/bin/sh", "-c", KEEPER, "keeper", str(work.absolute())],
-        bufsize=0,
-        stdin=subprocess.PIPE,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        start_new_session=True,
-        cwd="/",
-    )
-    assert keeper.stdin is not None
-    pipe = keeper.stdin
-
-    def keep(group: int) -> None:
-        with contextlib.suppress(BrokenPipeError):  # somebody ended it
-            pipe.write(f"{group}\n".encode())
-
-    try:
-        yield keep
-    finally:
-        keeper.communicate(b"ended\nended\n")  # once more where no program began
 
 
 def _first(program: Program, word: str) -> Path:
@@ -125,13 +92,6 @@ def _bytes_in(work: Path) -> int:
         with contextlib.suppress(FileNotFoundError):  # the program has renamed or removed it since
             size += path.stat().st_size if path.is_file() else 0
     return size
-
-
-def _end(process: subprocess.Popen) -> None:
-    """End whatever of the program's group still runs."""
-    with contextlib.suppress(ProcessLookupError, PermissionError):
-        os.killpg(process.pid, signal.SIGKILL)
-    process.wait()
 
 
 def _how(status: int) -> str:

@@ -64,6 +64,7 @@ def _look(source: bytes) -> list[Any]:
 def sources(modules: tuple[str, ...], without: tuple[str, ...] = ()) -> set[Path]:
     """The files behind some modules and behind everything of this package that they import, but packages `without`."""
     found: set[Path] = set()
+    home: dict[Path, Path] = {}
     queue: list[str | Path] = list(modules)
     while queue:
         one = queue.pop()
@@ -78,14 +79,23 @@ def sources(modules: tuple[str, ...], without: tuple[str, ...] = ()) -> set[Path
         known = {OWN, *([one.split(".")[0]] if isinstance(one, str) else [])}
         # A file of a user's own, that was loaded, imports from its own folder, whatever else has the same name.
         alone = ROOT not in path.parents and not (path.parent / "__init__.py").is_file()
+        folder = home.get(path, path.parent if alone else None)
         for other in imports(path):
             first = other.split(".")[0]
-            beside = path.parent / f"{first}.py"
-            if alone and beside.is_file():
-                queue.append(beside)
+            if folder and (beside := _beside(folder, first)):
+                home |= dict.fromkeys(beside, folder)
+                queue += beside
             elif first in known:
                 queue.append(other)
     return found
+
+
+def _beside(folder: Path, module: str) -> list[Path]:
+    """The files of a module, or of a whole package, in a folder, in the order in which Python looks for them."""
+    package, alone = folder / module, folder / f"{module}.py"
+    if alone.is_file() and not (package / "__init__.py").is_file():
+        return [alone]
+    return sorted(path for path in package.rglob("*.py") if path.is_file()) if package.is_dir() else []
 
 
 def what_it_does(source: bytes) -> str:
