@@ -1,28 +1,22 @@
-"""A real cluster of this machine, whose processes can be killed, and work for it that tells what it did."""
+"""Work for a cluster that tells what it did, and a parent that can be killed."""
 
 import os
-import random
-import signal
-import socket
 import subprocess
 import sys
 import time
 from collections import Counter
 from collections.abc import Callable
-from contextlib import suppress
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from testfield.chain.run import Run
+from testfield.cluster.here import Cluster
 from testfield.evaluate.case import Case
-from testfield.store.processes import running
 
 HERE = Path(__file__).parent
 WORK = f"{Path(__file__).stem}:told"
-PATIENCE_S = "60"
 
 
 def told(case: Case, run: Run | None) -> list[dict[str, Any]]:
@@ -58,67 +52,6 @@ def environment(**more: str) -> dict[str, str]:
     return os.environ | {"PYTHONPATH": path} | more
 
 
-@dataclass
-class Cluster:
-    """A scheduler and workers, each a process of its own. Logs are in `folder`."""
-
-    folder: Path
-    port: int = 0
-    processes: dict[str, subprocess.Popen] = field(default_factory=dict)
-
-    @property
-    def address(self) -> str:
-        return f"tcp://127.0.0.1:{self.port}"
-
-    def __enter__(self) -> "Cluster":
-        with socket.socket() as free:
-            free.bind(("127.0.0.1", 0))
-            self.port = free.getsockname()[1]
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        for name in list(self.processes):
-            self.kill(name)
-
-    def scheduler(self) -> None:
-        """Begin the scheduler, or begin it again at the same port."""
-        words = ["distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", str(self.port), "--no-dashboard"]
-        self._begin("scheduler", words)
-
-    def worker(self, name: str, **more: str) -> None:
-        """Begin a worker."""
-        words = ["testfield", "worker", self.address, "--scratch", str(self.folder / name), "--patience", PATIENCE_S]
-        self._begin(name, words, **more)
-
-    def kill(self, name: str) -> None:
-        """End one and all that it has begun, as a power cut would."""
-        process = self.processes.pop(name)
-        for pid in [*children(process.pid), process.pid]:
-            with suppress(ProcessLookupError):
-                os.kill(pid, signal.SIGKILL)
-        process.wait()
-
-    def _begin(self, name: str, words: list[str], **more: str) -> None:
-        with (self.folder / f"{name}.log").open("ab") as log:
-            self.processes[name] = subprocess.Popen(
-                [sys.executable, "-m", *words], env=environment(**more), stdout=log, stderr=log, cwd=self.folder
-            )
-
-
-def children(pid: int) -> list[int]:
-    """All processes below one, the youngest first."""
-    found: list[int] = []
-    for stat in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            parent = int(stat.read_bytes().rpartition(b")")[2].split()[1])
-        except OSError:
-            continue
-        if parent == pid and running(int(stat.parent.name)):
-            below = int(stat.parent.name)
-            found += [*children(below), below]
-    return found
-
-
 def wait_for(condition: Callable[[], bool], seconds: float = 60) -> None:
     """Wait until something is so."""
     end = time.monotonic() + seconds
@@ -141,8 +74,3 @@ def parent(cluster: Cluster, folder: Path, count: int, log: Path, sleep_s: float
         "    sys.exit(error.sentence())\n"
     )
     return subprocess.Popen([sys.executable, "-c", command], env=environment(**more), stderr=subprocess.PIPE, text=True)
-
-
-def somewhere(number: int) -> random.Random:
-    """Random moments of one trial."""
-    return random.Random(number)

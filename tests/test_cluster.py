@@ -6,12 +6,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from on_a_cluster import Cluster, cases, counted, wait_for
+from on_a_cluster import cases, counted, environment, wait_for
 
 import testfield
 from testfield.cli.main import main
 from testfield.cluster.at_work import do, told
 from testfield.cluster.batch_file import BatchFile
+from testfield.cluster.here import Cluster
 from testfield.cluster.opened import opened
 from testfield.cluster.program import program
 from testfield.errors import TestfieldError, faults_in
@@ -23,7 +24,7 @@ from testfield.store.work import Lost, as_done
 @pytest.fixture(scope="module")
 def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
     """A scheduler without workers."""
-    with Cluster(tmp_path_factory.mktemp("cluster")) as made:
+    with Cluster(tmp_path_factory.mktemp("cluster"), environment()) as made:
         made.scheduler()
         yield made
 

@@ -46,7 +46,7 @@ MAY_IMPORT: dict[str, tuple[str, ...]] = {
     "chain": (*RESULTS, "report"),
     "evaluate": (*RESULTS, "report", "chain"),
     "certify": (*RESULTS, "evaluate"),
-    "bench": (*RESULTS, "plan", "report", "chain", "evaluate", "certify"),
+    "bench": (*RESULTS, "plan", "cluster", "report", "chain", "evaluate", "certify"),
     "study": (*RESULTS, "report", "chain", "evaluate", "bench"),
     "api": (*RESULTS, "report", "chain", "evaluate"),
     "cli": (*RESULTS, "plan", "cluster", "report", "chain", "evaluate", "certify", "bench", "study", "api"),

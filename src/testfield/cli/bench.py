@@ -60,6 +60,18 @@ def add(commands: Any) -> None:
     one = _tool(tools, "compare", _comparisons, "words and intervals of comparisons whose truth is known")
     one.add_argument("--trials", type=int, default=1000, metavar="N", help="comparisons drawn (default: 1000)")
 
+    one = _tool(tools, "executor", _executor, "the executor and Dask against a bare loop, and two workers against one")
+    one.add_argument("--work", choices=("sleep", "compute"), default="sleep", help="what cases do (default: sleep)")
+    one.add_argument("--cases", type=int, default=40, metavar="N", help="(default: 40)")
+    one.add_argument("--seconds", type=float, default=1.0, metavar="S", help="that each sleeps (default: 1)")
+
+    one = _tool(
+        tools, "scale", _scale, "what becomes of a table on many workers: costs measured here, the rest simulated"
+    )
+    one.add_argument("--cases", type=int, default=100_000, metavar="N", help="(default: 100000)")
+    one.add_argument("--workers", type=int, default=1000, metavar="N", help="(default: 1000)")
+    one.add_argument("--seconds", type=float, default=30.0, metavar="S", help="that a case takes (default: 30)")
+
     one = _tool(tools, "cameras", _cameras, "several cameras together against each one alone, on a run's images")
     one.add_argument("run", type=Path, metavar="RUN", help="the folder of a run with several cameras")
 
@@ -93,6 +105,53 @@ def _cameras(args: argparse.Namespace) -> int:
             f"{head}{row['corner_error_px']:>11.4f}{row['imaging_error_px'] or float('nan'):>15.4f}"
             f"{row['imaging_u_px'] or float('nan'):>10.4f}{row['interior_anees']:>7.2f}{row['rmse_mm']:>10.4f}"
         )
+    return 0
+
+
+def _executor(args: argparse.Namespace) -> int:
+    import json
+
+    from testfield.bench.executor import bench_executor
+    from testfield.errors import TestfieldError
+
+    if args.cases < 1:
+        raise TestfieldError(f"value {args.cases} is too few", "--cases", "give 1 or more")
+    figures = bench_executor(args.work, args.cases, args.seconds, _tell)
+    if args.json:
+        print(json.dumps(figures))
+        return 0
+    for name, what in (("executor", "executor in one process"), ("dask", "Dask, one worker")):
+        over, each = figures[f"{name}_overhead"], figures[f"{name}_ms_per_case"]
+        print(f"{what:<26}{100 * over:6.1f} % over a bare loop, {each:6.1f} ms a case")
+    print(f"{'two workers':<26}{figures['two_over_one']:6.2f} times one")
+    return 0
+
+
+def _scale(args: argparse.Namespace) -> int:
+    import json
+
+    from testfield.bench.scale import bench_scale
+    from testfield.errors import TestfieldError
+
+    for option, value in (("--cases", args.cases), ("--workers", args.workers), ("--seconds", args.seconds)):
+        if not value > 0:
+            raise TestfieldError(f"value {value:g} is too few", option, "give more than 0")
+    figures = bench_scale(args.cases, args.workers, args.seconds, _tell)
+    if args.json:
+        print(json.dumps(figures))
+        return 0
+    print(f"{args.cases} cases of {args.seconds:g} s on {args.workers} workers, {figures['batch']} a task")
+    print(f"{'':<22}{'whole, s':>10}{'workers':>9}{'scheduler':>11}{'parent':>8}{'tasks held':>12}{'MB held':>9}")
+    for name, run in figures["runs"].items():
+        busy = "".join(f"{100 * run[k]:>{w}.1f} %" for k, w in (("workers_busy", 7), ("scheduler_busy", 9)))
+        held = f"{run['most_held']:>12.0f}{run['held_mb']:>9.1f}"
+        print(f"{name:<22}{run['whole_s']:>10.0f}{busy}{100 * run['parent_busy']:>6.1f} %{held}")
+    print(f"keys, before the first case: {figures['before_s']:.0f} s of the parent; rows, meanwhile:", end=" ")
+    print(f"{figures['reading_s']:.0f} s, {100 * figures['reading_busy']:.0f} % of its time")
+    for name, least in sorted(figures["full_at_seconds"].items(), key=lambda item: -item[1]):
+        print(f"{name}: keeps up with cases of {least:.2f} s and more")
+    asked = figures["requests"]
+    print("storage: " + ", ".join(f"{k.replace('_', ' ')} {v:.3g}" for k, v in asked.items()))
     return 0
 
 

@@ -65,11 +65,11 @@ def _spoken(error: OSError) -> TestfieldError:
 def _settle() -> None:
     from distributed import get_worker
 
-    worker = get_worker()
     os.environ["TQDM_DISABLE"] = "1"
-    tempfile.tempdir = worker.local_directory  # emptied by Dask also after a kill
+    tempfile.tempdir = get_worker().local_directory  # emptied by Dask also after a kill
 
     def cancelled() -> bool:
+        worker = get_worker()
         task = worker.state.tasks.get(worker.get_current_task())
         return task is None or task.state not in ("executing", "long-running")
 

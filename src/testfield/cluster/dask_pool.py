@@ -8,7 +8,7 @@ import os
 import time
 import uuid
 from asyncio import CancelledError as Cancelled
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import CancelledError
 from contextlib import suppress
 from typing import Any
@@ -76,6 +76,10 @@ class DaskPool:
                 self._count, self._counted = sum(self.client.nthreads().values()), now
         return max(self._count, 1)
 
+    def counted_again(self) -> None:
+        """Ask anew how many processes there are."""
+        self._counted = -COUNT_S
+
     def at_once(self) -> int:
         """Groups that it is given at a time."""
         return AHEAD * self.processes()
@@ -86,6 +90,15 @@ class DaskPool:
         key = f"testfield-{self._number}-{uuid.uuid4().hex}"
         task = (do, dict(program()), self._loaded, function, *arguments)
         return _Future(self.client.submit(*task, key=key, pure=False))
+
+    def fetch(self, futures: Sequence["_Future"]) -> None:
+        """Fetch results of all these at once: each alone would be a journey to another worker."""
+        good = [one for one in futures if one.of.status == "finished"]
+        if len(good) < 2:
+            return
+        with suppress(Exception):  # each is asked by itself then, and says what is wrong
+            for one, result in zip(good, self.client.gather([one.of for one in good]), strict=True):
+                one.fetched = (result,)
 
     def check(self, place: Objects) -> None:
         """Wait for a worker, and see that all have this program and write into the place where results stand.
@@ -133,6 +146,7 @@ class _Future:
 
     def __init__(self, of: Any):
         self.of = of
+        self.fetched: tuple[Any] | None = None
 
     def done(self) -> bool:
         return bool(self.of.done())
@@ -142,6 +156,8 @@ class _Future:
 
     def result(self) -> Any:
         """The result. Raises `Lost`, or what the function raised."""
+        if self.fetched:
+            return self.fetched[0]
         killed = needed("distributed").scheduler.KilledWorker
         try:
             return self.of.result(timeout=60)

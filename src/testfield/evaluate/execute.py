@@ -24,7 +24,7 @@ from testfield.errors import TestfieldError
 from testfield.evaluate.case import Case
 from testfield.evaluate.cost import say_cost
 from testfield.evaluate.failures import FAILURE
-from testfield.evaluate.kept_rows import Found, KeptRows
+from testfield.evaluate.kept_rows import Found, KeptRows, Reader
 from testfield.evaluate.keys import case_key, file_digests
 from testfield.evaluate.travel import packed, scratch_of, unpacked
 from testfield.store.atomic import whole
@@ -67,14 +67,17 @@ def execute(
     if repeated:
         raise TestfieldError(f"{repeated} case(s) occur twice", str(folder), "give each case labels of its own")
     missing = [k for k, found in enumerate(kept) if found is None]
-    failed = _do(missing, cases, keys, kept, at, jobs, title, pool) if missing else {}
-    done = iter(at.kept.read_all([keys[k] for k in missing if keys[k] not in failed]))
+    with Reader(at.kept) as reader:
+        failed = _do(missing, cases, keys, kept, at, jobs, title, pool, reader) if missing else {}
+        kept = [
+            reader.take(key) if found is None and key not in failed else found
+            for key, found in zip(keys, kept, strict=True)
+        ]
     tables = []
     for case, key, found in zip(cases, keys, kept, strict=True):
         if key in failed:
             rows = pd.DataFrame([{FAILURE: failed[key]}])
         else:
-            found = found or next(done)
             if found is None:
                 raise TestfieldError(
                     "the rows of a finished case have gone", f"{at.kept.place.where}/{at.kept.file(key)}", "go on"
@@ -138,8 +141,9 @@ def _do(
     jobs: int,
     title: str,
     pool: Pool | None,
+    reader: Reader,
 ) -> dict[str, str]:
-    """Do those cases that are missing and keep their rows; why cases failed, by key."""
+    """Do those cases that are missing and keep their rows; why cases failed, by key. A `reader` hears of each."""
     there = at.kept.list()
     for key in (keys[k] for k in missing if at.kept.file(keys[k]).rpartition("/")[2] in there):
         at.kept.remove(key)  # what is there cannot be read
@@ -156,6 +160,12 @@ def _do(
             order = [k for group in groups for k in group]
             place = {k: number for number, k in enumerate(order)}
             of = [missing[k] for k in order]
+
+            def moved(number: int, of: list[int] = of) -> None:
+                move(cases[of[number]].weight)
+                if at.away:  # this process has nothing else to do
+                    reader.ask(keys[of[number]])
+
             reasons = each(
                 partial(_try, at=at),
                 [(_sent(cases[k], at), keys[k]) for k in of],
@@ -164,7 +174,7 @@ def _do(
                 groups=[[place[k] for k in group] for group in groups],
                 # A group may work for an hour, so what it has finished is seen from the files it leaves.
                 kept=lambda number, of=of: at.kept.seen(keys[of[number]]),  # type: ignore[misc]
-                moved=lambda number, of=of: move(cases[of[number]].weight),  # type: ignore[misc]
+                moved=moved,
             )
             failed |= {keys[k]: reason for k, reason in zip(of, reasons, strict=True) if reason}
     return failed

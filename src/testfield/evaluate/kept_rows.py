@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from io import BytesIO
 from typing import Any
@@ -50,7 +50,8 @@ class KeptRows:
         table = pa.Table.from_pandas(pd.DataFrame(rows), preserve_index=False)
         table = table.replace_schema_metadata((table.schema.metadata or {}) | {SECONDS: f"{seconds:.6g}".encode()})
         content = BytesIO()
-        pq.write_table(table, content)
+        # Of one row, dictionaries, statistics and compression only cost time.
+        pq.write_table(table, content, use_dictionary=False, write_statistics=False, compression="none")
         self.place.write(self.file(key), content.getvalue())
 
     def read(self, key: str) -> Found | None:
@@ -96,3 +97,28 @@ class KeptRows:
 
     def __getstate__(self) -> dict[str, Any]:
         return {"place": self.place, "_names": set(), "_listed": -float("inf"), "_pause_s": 0.0}
+
+
+class Reader:
+    """Reads rows of cases as they are finished, while others are still at work: a hundred thousand files are not left
+    to the end."""
+
+    def __init__(self, kept: KeptRows):
+        self.kept = kept
+        self._threads = ThreadPoolExecutor(AT_ONCE if kept.place.folder is None else 1)
+        self._asked: dict[str, Future[Found | None]] = {}
+
+    def ask(self, key: str) -> None:
+        """Begin to read what is kept of a case."""
+        self._asked[key] = self._threads.submit(self.kept.read, key)
+
+    def take(self, key: str) -> Found | None:
+        """What is kept of a case, or None where there is nothing that can be read."""
+        asked = self._asked.pop(key, None)
+        return (asked and asked.result()) or self.kept.read(key)
+
+    def __enter__(self) -> "Reader":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._threads.shutdown(cancel_futures=True)

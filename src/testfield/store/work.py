@@ -30,8 +30,8 @@ Result = TypeVar("Result")
 class Pool(Protocol):
     """Where work runs: of `concurrent.futures`, and of Dask's client, only this is used.
 
-    A pool may also have `at_once()`, how many groups it is given at a time (all, where it has none), and its futures
-    may raise `Lost`.
+    A pool may also have `at_once()`, how many groups it is given at a time (all, where it has none), and
+    `fetch(futures)`, which is told what will be asked for next; and its futures may raise `Lost`.
     """
 
     def submit(self, function: Callable[..., Any], /, *arguments: Any) -> Any:
@@ -128,15 +128,16 @@ def _elsewhere(
     look = 0.0
     with opened as pool:
         at_once = getattr(pool, "at_once", lambda: len(parts))
+        fetch = getattr(pool, "fetch", lambda _: None)
         while waiting or given:
             while waiting and len(given) < at_once():
                 group = waiting.popleft()
                 future = pool.submit(_group, function, [items[k] for k in group.part])
                 given[future] = group
                 future.add_done_callback(ready.put)
-            for future in _ready(ready):
-                if future not in given:
-                    continue
+            done = list(_ready(ready))
+            fetch(done)
+            for future in done:
                 group = given.pop(future)
                 try:
                     results = future.result()
