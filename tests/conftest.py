@@ -14,6 +14,7 @@ from testfield.chain.run import Run, begin, resume
 from testfield.chain.stages import STAGES, run_stage
 
 SCENES = Path(__file__).parents[1] / "scenes"
+collect_ignore = ["example_package"]  # a package of its own, which test_pytest_plugin.py installs and runs
 TINY = Path(__file__).parent / "torture/tiny.toml"
 
 

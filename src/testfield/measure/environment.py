@@ -12,6 +12,7 @@ from pathlib import Path
 
 from testfield.errors import TestfieldError
 from testfield.measure.keeper import end, keeper
+from testfield.store.cache import users_cache
 from testfield.store.digests import digest
 from testfield.store.text import read_text, write_text
 
@@ -64,10 +65,7 @@ def variables_of(packages: tuple[str, ...]) -> dict[str, str] | None:
 def folder_of(packages: tuple[str, ...]) -> Path:
     """Where an environment is kept: under the digest of its packages and of the Python that it is made with."""
     made_with = (sys.implementation.name, platform.python_version(), platform.system(), platform.machine())
-    base = os.environ.get("XDG_CACHE_HOME") or (
-        os.environ.get("LOCALAPPDATA") if os.name == "nt" else Path.home() / ".cache"
-    )
-    return Path(base or Path.home()) / "testfield" / "environments" / digest(sorted(packages), made_with)[:24]
+    return users_cache() / "environments" / digest(sorted(packages), made_with)[:24]
 
 
 def _python(folder: Path) -> Path:

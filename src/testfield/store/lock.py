@@ -16,15 +16,18 @@ from testfield.errors import TestfieldError
 from testfield.store.processes import Process, this_process
 
 LOCK = ".testfield-lock"
+WAIT_STEP_S = 0.2
+"""How often one who waits looks whether the folder is free."""
 WRITTEN_WITHIN_S = 2.0
 """How long after its creation a lock may still be without its holder's name; afterwards the holder was killed there."""
 
 
 @contextmanager
-def only_writer(folder: Path) -> Iterator[None]:
+def only_writer(folder: Path, wait_s: float = 0.0) -> Iterator[None]:
     """Nobody else writes into the folder, which is made where it is missing.
 
-    Raises `TestfieldError` where another process does. In a process that holds the folder already, nothing changes.
+    Raises `TestfieldError` where another process does, and still does after so many seconds. In a process that
+    holds the folder already, nothing changes.
     """
     made = not folder.exists()
     folder.mkdir(parents=True, exist_ok=True)
@@ -32,7 +35,7 @@ def only_writer(folder: Path) -> Iterator[None]:
     if _holder(path) == me:
         yield
         return
-    _take(path, me)
+    _take(path, me, time.monotonic() + wait_s)
     try:
         yield
     finally:
@@ -42,11 +45,14 @@ def only_writer(folder: Path) -> Iterator[None]:
             folder.rmdir()  # nothing came of it
 
 
-def _take(path: Path, me: Process) -> None:
+def _take(path: Path, me: Process, until: float) -> None:
     while not _create(path, me):
         content = _content(path)
         holder = _process(content)
         if holder is not None and not holder.gone:
+            if time.monotonic() < until:
+                time.sleep(WAIT_STEP_S)
+                continue
             do = "wait until it has ended" if holder.here else f"wait until it has ended, or delete {path} if it has"
             raise TestfieldError(
                 f"process {holder.pid} on {holder.host} ('{holder.command}') is writing here", str(path.parent), do
@@ -59,6 +65,9 @@ def _create(path: Path, me: Process) -> bool:
     try:
         file = os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o644)
     except FileExistsError:
+        return False
+    except FileNotFoundError:  # the folder was empty, and went with the one who had made it
+        path.parent.mkdir(parents=True, exist_ok=True)
         return False
     try:
         os.write(file, json.dumps(asdict(me)).encode())

@@ -201,6 +201,11 @@ class _Sheet(_Strict):
 
 
 def made_here(suite: Suite) -> dict[str, Any]:
-    """Where a suite's figures come from: program, time, and what `machine` says."""
+    """Where a suite's figures come from."""
+    return made_at(suite.source.resolve().parent)
+
+
+def made_at(folder: Path) -> dict[str, Any]:
+    """Where figures come from that belong to a folder: program, time, and what `machine` says."""
     said = stamp()
-    return {"program": said["program"], "made": said["made"], **machine(suite.source.resolve().parent)}
+    return {"program": said["program"], "made": said["made"], **machine(folder)}
