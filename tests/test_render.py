@@ -8,12 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from testfield.camera.pose import Poses, rotation
+from testfield.camera.project import directions, project_camera
 from testfield.certify.light import block_means, board_pixels
+from testfield.render.camera_plugin import CameraRays
 from testfield.render.fast import render_fast
 from testfield.render.irradiance import Irradiance, compute_irradiance
 from testfield.render.path import render_path
 from testfield.render.psf import pixel_weights
 from testfield.render.stage import Stage, build_stage
+from testfield.render.variant import mitsuba
 from testfield.scene.build import build_world
 from testfield.scene.camera_parts import ResidualField
 from testfield.scene.load import load_scene
@@ -80,11 +84,27 @@ def true_centres(world: World, least: int = 80) -> None:
     assert abs(np.mean(areas) - 1) < 1e-5
 
 
+def test_single_precision_moves_no_image_as_a_whole(world: World) -> None:
+    """A principal point rounded to single precision alone is off by up to 1e-4 px, a rotation by as much."""
+    interior = replace(world.interior, width_px=4096, height_px=3000)
+    parameters = interior.parameters.copy()
+    parameters[:4] = 3478.0, 3479.04, 2058.8, 1491.8
+    interior = replace(interior, parameters=parameters)
+    turned = Poses(rotation(np.array([[1.9, -0.4, 0.6]])), np.array([[20.0, -30.0, 3000.0]]))
+    placed = replace(world, interior=interior, camera_from_world=turned)
+    px = np.random.default_rng(5).integers(0, (4096, 3000), (200_000, 2)).astype(np.float32)
+    mi = mitsuba()
+    found = CameraRays(placed, 0).at(mi.Float(px[:, 0]), mi.Float(px[:, 1])).direction
+    ray = np.array(found, float).T @ turned.R[0].T
+    true = directions(interior, px.astype(float))
+    error_px = 3478.0 * (ray[:, :2] / ray[:, 2:] - true[:, :2] / true[:, 2:])
+    assert np.abs(error_px.mean(axis=0)).max() < 1e-5
+    assert np.sqrt((error_px**2).mean()) < 1.5e-4
+
+
 def sideways(world: World, angle_deg: float) -> World:
     """The same station behind a fisheye that is turned aside, and whose image is the part of a large one in
     which the boards still lie."""
-    from testfield.camera.pose import Poses, rotation
-
     turn = rotation(np.array([0.0, np.radians(angle_deg), 0.0]))
     old, f = world.camera_from_world, world.interior.fx
     poses = Poses(turn @ old.R, np.einsum("ij,nj->ni", turn, old.t_mm))
@@ -95,10 +115,6 @@ def sideways(world: World, angle_deg: float) -> World:
 
 @pytest.mark.parametrize("angle_deg", [0, 85, 95])
 def test_rays_of_a_fisheye_are_those_of_its_projection_beyond_90_degrees_too(world: World, angle_deg: float) -> None:
-    from testfield.camera.project import directions, project_camera
-    from testfield.render.camera_plugin import CameraRays
-    from testfield.render.variant import mitsuba
-
     mi = mitsuba()
     turned = sideways(world, angle_deg)
     x, y = (v.ravel() for v in np.meshgrid(np.linspace(0, 1279, 17), np.linspace(0, 1023, 13)))

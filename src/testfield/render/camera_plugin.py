@@ -27,9 +27,13 @@ class CameraRays:
         interior, optics, motion = world.interior, world.optics, world.motion
         self.interior, self.motion = interior, motion
         self.parameters = [mi.Float(float(value)) for value in interior.parameters]
+        # In single precision a principal point alone is off by 1e-4 px, all over the image.
+        fx, fy, cx, cy, *_ = interior.parameters
+        self.pixel = [mi.Float64(float(value)) for value in (cx, cy, 1 / fx, 1 / fy)]
         self.field = [] if interior.residual_px is None else [mi.Float(float(v)) for v in interior.residual_px.ravel()]
         world_from_camera = world.camera_from_world.inverse()
         self.rotation = [[mi.Float(float(v)) for v in row] for row in world_from_camera.R[station]]
+        self.turn = [[mi.Float64(float(v)) for v in row] for row in world_from_camera.R[station]]
         self.origin = mi.Point3f(*[mi.Float(float(v)) for v in world_from_camera.t_mm[station]])
         self.focus_mm = mi.Float(optics.focus_mm) if optics.aperture_mm else None
         self.pupil_mm = mi.Float(optics.aperture_mm / 2)
@@ -41,7 +45,9 @@ class CameraRays:
         self.last_angle = None if angle is None else mi.Float(angle(interior.coefficients))
         if self.last_angle is not None:
             dr.make_opaque(self.last_angle)
-        dr.make_opaque(self.parameters, self.field, self.rotation, self.origin, self.pupil_mm, *timing)
+        dr.make_opaque(
+            self.parameters, self.pixel, self.field, self.rotation, self.turn, self.origin, self.pupil_mm, *timing
+        )
         if self.focus_mm is not None:
             dr.make_opaque(self.focus_mm)
 
@@ -67,14 +73,15 @@ class CameraRays:
             start = self.origin
         else:
             start = self.origin + self._rotate(origin)
-        return Rays(start, self._rotate(direction), self._rotate(by_x), self._rotate(by_y), time, cosine)
+        return Rays(start, self._turned(direction), self._rotate(by_x), self._rotate(by_y), time, cosine)
 
     def _undistorted(self, x_px: Any, y_px: Any) -> tuple[Any, Any, Any]:
         """Direction in the camera with unit depth, of a fisheye of unit length; its derivatives by x and y in px."""
         mi = mitsuba()
-        fx, fy, cx, cy, *c = self.parameters
+        fx, fy, _, _, *c = self.parameters
         x_px, y_px = self._without_field(x_px, y_px)
-        xd, yd = (x_px - cx) / fx, (y_px - cy) / fy
+        cx, cy, a_pixel_x, a_pixel_y = self.pixel
+        xd, yd = mi.Float((x_px - cx) * a_pixel_x), mi.Float((y_px - cy) * a_pixel_y)
         lens, maths = self.interior.lens, DeviceMaths
         if self.last_angle is not None:
             return self._by_angle(xd, yd)
@@ -133,6 +140,11 @@ class CameraRays:
             ]
             x, y = x_px - moved[0], y_px - moved[1]
         return x, y
+
+    def _turned(self, v: Any) -> Any:
+        """A direction in the world, rotated in double precision."""
+        mi = mitsuba()
+        return mi.Vector3f(*[mi.Float(row[0] * v.x + row[1] * v.y + row[2] * v.z) for row in self.turn])
 
     def _rotate(self, v: Any) -> Any:
         return mitsuba().Vector3f(*[row[0] * v.x + row[1] * v.y + row[2] * v.z for row in self.rotation])
