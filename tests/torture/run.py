@@ -55,6 +55,7 @@ def main() -> int:
     p.add_argument("--only", default="", help="readers with this text in their names")
     p.add_argument("--kills", type=int, default=100)
     p.add_argument("--pairs", type=int, default=20)
+    p.add_argument("--cluster", type=int, default=30, help="kills of workers, schedulers and parents of a cluster")
     p.add_argument("--scene", type=Path, default=SCENES / "quick.toml", help="what is killed, and run twice at once")
     p.add_argument("--out", type=Path, default=Path("renders/torture"))
     args = p.parse_args()
@@ -69,6 +70,10 @@ def main() -> int:
         from ends import kills, pairs
 
         bad += table("ends", kills(args.kills, args.scene, folder) + pairs(args.pairs, args.scene, folder), "way")
+    if args.cluster:
+        from cluster import kills as cluster_kills
+
+        bad += table("ends of a cluster", cluster_kills(args.cluster, folder), "way")
     print(f"{bad} wrong")
     return 1 if bad else 0
 

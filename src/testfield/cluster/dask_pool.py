@@ -11,7 +11,7 @@ from asyncio import CancelledError as Cancelled
 from collections.abc import Callable, Sequence
 from concurrent.futures import CancelledError
 from contextlib import suppress
-from typing import Any
+from typing import Any, TypeVar
 
 from testfield.cluster.at_work import do, ready
 from testfield.cluster.extra import needed
@@ -21,10 +21,14 @@ from testfield.registry import LOADED
 from testfield.store.objects import Objects
 from testfield.store.work import Lost
 
+T = TypeVar("T")
+
 AHEAD = 2
 """Groups given at a time for each process: one at work and one that waits, so the scheduler never holds more."""
 COUNT_S = 5.0
 """How often it is asked how many processes there are."""
+GONE = (OSError, TimeoutError, CancelledError, Cancelled)
+"""What Dask raises where the scheduler has gone."""
 CONNECT_S = 5.0
 """How long one attempt to reach a scheduler may take."""
 
@@ -72,7 +76,7 @@ class DaskPool:
         """Processes that are there now, at least one."""
         now = time.monotonic()
         if now - self._counted >= COUNT_S:
-            with suppress(OSError, TimeoutError, CancelledError, Cancelled):  # it has just gone; who submits will see
+            with suppress(*GONE):  # who submits will see
                 self._count, self._counted = sum(self.client.nthreads().values()), now
         return max(self._count, 1)
 
@@ -89,7 +93,24 @@ class DaskPool:
         self._number += 1
         key = f"testfield-{self._number}-{uuid.uuid4().hex}"
         task = (do, dict(program()), self._loaded, function, *arguments)
-        return _Future(self.client.submit(*task, key=key, pure=False))
+        return self._asked(lambda client: _Future(client.submit(*task, key=key, pure=False)))
+
+    def _asked(self, ask: Callable[[Any], T]) -> T:
+        """What a scheduler answers, asked again where it goes meanwhile. Raises `TestfieldError` where it stays away,
+        or is there and does not answer."""
+        until = time.monotonic() + self.patience_s
+        while True:
+            client = self.client
+            try:
+                return ask(client)
+            except (*GONE, ValueError) as error:  # a client that was closed meanwhile says ValueError
+                if isinstance(error, ValueError) and client.status == "running":
+                    raise
+                if time.monotonic() >= until:
+                    raise TestfieldError(
+                        f"the scheduler does not answer ({error})", self.name, "what is finished is kept; try again"
+                    ) from error
+                time.sleep(0.2)
 
     def fetch(self, futures: Sequence["_Future"]) -> None:
         """Fetch results of all these at once: each alone would be a journey to another worker."""
@@ -109,10 +130,12 @@ class DaskPool:
         token = f".seen-{uuid.uuid4().hex}"
         place.write(token, b"")
         try:
-            found = self.client.run(ready, dict(program()), place, token, on_error="return")
+            found = self._asked(lambda client: client.run(ready, dict(program()), place, token, on_error="return"))
         finally:
             place.remove(token)
         for address, said in found.items():
+            if isinstance(said, OSError):
+                continue  # it has gone; who comes in its place is asked with its first group
             if isinstance(said, ModuleNotFoundError):
                 said = TestfieldError(f"it has no package '{said.name}'", f"worker {address}", "install it there")
             if isinstance(said, BaseException):
@@ -121,7 +144,7 @@ class DaskPool:
     def wait(self) -> None:
         """Wait until there is a worker. Raises `TestfieldError` where there is none for as long as patience lasts."""
         until = time.monotonic() + self.patience_s
-        while not self.client.nthreads():
+        while not self._asked(lambda client: client.nthreads()):
             if time.monotonic() >= until:
                 raise TestfieldError(
                     "the scheduler has no workers", self.name, f"start one with `testfield worker {self.name}`"
@@ -131,8 +154,8 @@ class DaskPool:
     @property
     def dashboard(self) -> str:
         """The address of the dashboard, empty where the scheduler has none."""
-        has = "dashboard" in self.client.scheduler_info(n_workers=0)["services"]
-        return str(self.client.dashboard_link) if has else ""
+        info = self._asked(lambda client: client.scheduler_info(n_workers=0))
+        return str(self.client.dashboard_link) if "dashboard" in info["services"] else ""
 
     def close(self) -> None:
         """Drop what has not begun; workers stop after the cases at hand."""
@@ -163,7 +186,5 @@ class _Future:
             return self.of.result(timeout=60)
         except killed as error:
             raise Lost("workers were ended from outside, perhaps for want of memory", blamed=True) from error
-        except (CancelledError, Cancelled) as error:
+        except GONE as error:
             raise Lost("the scheduler has gone") from error
-        except (TimeoutError, OSError) as error:
-            raise Lost(f"the scheduler does not answer ({error})") from error
