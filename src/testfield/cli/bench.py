@@ -1,6 +1,7 @@
 """`testfield bench`: this project's parts against their peers."""
 
 import argparse
+import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -59,6 +60,14 @@ def add(commands: Any) -> None:
 
     one = _tool(tools, "compare", _comparisons, "words and intervals of comparisons whose truth is known")
     one.add_argument("--trials", type=int, default=1000, metavar="N", help="comparisons drawn (default: 1000)")
+    one.add_argument("--rendered", action="store_true", help="what common noise is worth on rendered scenes instead")
+    one.add_argument("--draws", type=int, default=12, metavar="N", help="of noise in each rendered scene (default: 12)")
+    one.add_argument(
+        "--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes (default: one a core)"
+    )
+    one.add_argument(
+        "--out", type=Path, default=Path("renders/common_noise"), metavar="FOLDER", help="where finished cases are kept"
+    )
 
     one = _tool(tools, "executor", _executor, "the executor and Dask against a bare loop, and two workers against one")
     one.add_argument("--work", choices=("sleep", "compute"), default="sleep", help="what cases do (default: sleep)")
@@ -162,11 +171,32 @@ def _comparisons(args: argparse.Namespace) -> int:
     from testfield.errors import TestfieldError
     from testfield.evaluate.check import all_passed, table
 
+    if args.rendered:
+        return _rendered(args)
     if args.trials < LEAST_TRIALS:
         raise TestfieldError(f"value {args.trials} is too few", "--trials", f"give {LEAST_TRIALS} or more")
     checks = bench_comparisons(args.trials, _tell)
     print(json.dumps({"checks": [check.row() for check in checks]}) if args.json else table(checks))
     return 0 if all_passed(checks) else 1
+
+
+def _rendered(args: argparse.Namespace) -> int:
+    """What common noise is worth. Exit status 1 only where the noise is not the same or the arithmetic is wrong: how
+    much it is worth is the images' to say."""
+    import json
+
+    from testfield.bench.rendered_noise import LEAST_DRAWS, SEVERAL, bench_rendered_noise
+    from testfield.cli.show import jobs_of
+    from testfield.errors import TestfieldError
+    from testfield.evaluate.check import all_passed, table
+    from testfield.store.lock import only_writer
+
+    if args.draws < LEAST_DRAWS:
+        raise TestfieldError(f"value {args.draws} is too few", "--draws", f"give {LEAST_DRAWS} or more")
+    with only_writer(args.out):
+        checks = bench_rendered_noise(args.draws, args.out, jobs_of(args.jobs), _tell)
+    print(json.dumps({"checks": [check.row() for check in checks]}) if args.json else table(checks))
+    return 0 if all_passed([check for check in checks if check.limit is not SEVERAL]) else 1
 
 
 def _tell(what: str) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 
 from testfield.evaluate.bias import bias_table, centre_errors
+from testfield.evaluate.common_noise import noise_table
 from testfield.evaluate.curves import curve, in_metrics
 from testfield.evaluate.failures import FAILURE, KIND, STAGE, Kind
 from testfield.evaluate.known_rows import BROKEN, KNOWN, SHIFT_PX, TRUTH, as_known
@@ -25,8 +26,8 @@ class Compared:
     """`rows` one a case; `differences` of every recipe but the first from the first, pooled, by (recipe, metric's key);
     `scenes` the same scene by scene, by (scene, recipe, metric's key); tables of one row a recipe (`summary`), a recipe
     and a metric (`ranks`), a recipe and a kind of error (`bias`), a recipe and what it states (`stated`), a factor's
-    level, recipe and metric (`curves`), a case that failed (`failures`), and of the two whose outcome is known
-    beforehand (`sanity`)."""
+    level, recipe and metric (`curves`), a case that failed (`failures`), of the two whose outcome is known beforehand
+    (`sanity`), and of what common noise is worth (`noise`)."""
 
     rows: pd.DataFrame
     differences: dict[tuple[str, str], Difference]
@@ -38,6 +39,7 @@ class Compared:
     curves: pd.DataFrame
     failures: pd.DataFrame
     sanity: pd.DataFrame
+    noise: pd.DataFrame
 
     @property
     def sane(self) -> bool:
@@ -110,6 +112,7 @@ def conclude(rows: pd.DataFrame, recipes: Sequence[str], matters: Mapping[str, f
         curves=in_metrics({metric.title: curve(table, recipes) for metric, table in tables.items()}),
         failures=failures_of(own),
         sanity=rows[rows.recipe.isin([TRUTH, BROKEN])].reset_index(drop=True),
+        noise=noise_table(own, recipes),
     )
 
 

@@ -16,7 +16,7 @@ from testfield.evaluate.compare_floor import Floor
 from testfield.evaluate.compare_look import colours_of
 from testfield.evaluate.comparison import Comparison
 from testfield.evaluate.curves import axis_of
-from testfield.evaluate.metrics import CENTRE, METRICS, Metric
+from testfield.evaluate.metrics import CENTRE, CORNER, METRICS, POINTS, Metric
 from testfield.evaluate.paired import Difference, Word
 from testfield.report.style import ACCENT, FAINT, INK, WARM, figure, svg_of
 from testfield.store.atomic import whole
@@ -45,6 +45,7 @@ def drawings_of(compared: Compared, comparison: Comparison, floor: Floor, curves
     own = compared.rows[compared.rows.recipe.isin(recipes)]
     made = [
         *_differences(compared, recipes[0]),
+        *_common_noise(compared, recipes),
         *_curves(curves, comparison, recipes, floor),
         *_recall(own, recipes),
         *_lengths(own, recipes),
@@ -102,6 +103,37 @@ def _differences(compared: Compared, first: str) -> Iterator[Drawing]:
                 axes.set_xlabel(f"difference from {first}, {metric.unit or 'targets'}")
                 _small(drawing)
                 yield finished(f"difference_{slug(metric.title)}", "differences", metric.title, drawing)
+
+
+def _common_noise(compared: Compared, recipes: Sequence[str]) -> Iterator[Drawing]:
+    """How many times narrower common noise makes the interval of each figure's difference, and of a single centre's."""
+    found = {
+        (name, TITLES_OF_NOISE.get(key, "")): one.unpaired_u / one.estimate.u
+        for (name, key), one in compared.differences.items()
+        if one.estimate.freedom > 0 and one.estimate.u > 0 and key in TITLES_OF_NOISE
+    }
+    found |= {(row.recipe, "a centre"): row.narrower for row in compared.noise.itertuples() if row.items}
+    found = {pair: times for pair, times in found.items() if np.isfinite(times)}
+    if not found:
+        return
+    titles = list(dict.fromkeys(title for _, title in found))
+    with figure(COLUMN_IN, 0.95 + 0.2 * (len(recipes) - 1)) as (drawing, axes):
+        axes.axvline(1, color=INK, linewidth=0.6)
+        for title, mark, colour in zip(titles, "osD^v", (ACCENT, WARM, INK, FAINT, INK), strict=False):
+            own = [(times, recipes.index(name) - 1) for (name, other), times in found.items() if other == title]
+            axes.plot(*zip(*own, strict=True), mark, color=colour, markersize=3.5, label=title, linestyle="none")
+        axes.set_yticks(range(len(recipes) - 1), recipes[1:])
+        axes.set_ylim(len(recipes) - 1.4, -0.6)
+        axes.set_xlabel("times narrower by common noise")
+        axes.set_xlim(left=0)
+        above = {"loc": "lower left", "bbox_to_anchor": (0, 1), "ncols": 4, "columnspacing": 1.0}
+        axes.legend(frameon=False, fontsize=FONT_PT - 0.5, handlelength=0.8, handletextpad=0.3, **above)
+        _small(drawing)
+        yield finished("common_noise", "differences", "What common noise is worth", drawing)
+
+
+TITLES_OF_NOISE = {CENTRE.key: "centres, rms", CORNER.key: "worst corner", POINTS.key: "check points"}
+"""Figures whose intervals are held against those without common noise."""
 
 
 def _forest(axes: Any, differences: dict[str, Difference]) -> None:

@@ -21,13 +21,14 @@ TITLES = {metric.key: metric for metric in METRICS}
 
 
 def tables_of(compared: Compared, comparison: Comparison, floor: Floor) -> dict[str, pd.DataFrame]:
-    """By the name of their files: differences (`comparison`), the same scene by scene, recipes, ranks, bias and
-    spread, stated uncertainty, curves over factors, failures."""
+    """By the name of their files: differences (`comparison`), the same scene by scene, recipes, ranks, common
+    noise, bias and spread, stated uncertainty, curves over factors, failures."""
     return {
         "comparison": differences_table(compared, floor),
         "scenes": scenes_table(compared, floor),
         "recipes": compared.summary,
         "ranks": ranks_table(compared, floor),
+        "noise": compared.noise,
         "bias": compared.bias,
         "stated": compared.stated,
         "curves": curves_table(compared, comparison),
@@ -103,6 +104,8 @@ def shown(tables: Mapping[str, pd.DataFrame]) -> dict[str, pd.DataFrame]:
     times = {"recipe": "recipe", "time_detect_s": "detect, s", "time_calibrate_s": "calibrate, s"}
     times |= {"time_reconstruct_s": "reconstruct, s", "memory_mb": "memory, MB"}
     bias = {name: name for name in ("recipe", "error", "unit", "bias", "spread", "items")}
+    noise = {"recipe": "recipe", "correlation": "correlation", "spread": "spread, px", "spread_first": "first's, px"}
+    noise |= {"narrower": "narrower", "items": "centres"}
     stated = {"recipe": "recipe", "of": "of", "anees": "NEES", "low": "band from", "high": "to"}
     stated |= {"held_68": "in 68 %", "held_95": "in 95 %", "errors": "errors"}
     failures = {"scene": "scene", "factor": "factor", "draw": "draw", "recipe": "recipe", STAGE: "stage", KIND: "kind"}
@@ -112,11 +115,12 @@ def shown(tables: Mapping[str, pd.DataFrame]) -> dict[str, pd.DataFrame]:
         "ranks": ("ranks", ranks),
         "recipes": ("recipes", counts),
         "times": ("recipes", times),
+        "noise": ("noise", noise),
         "bias": ("bias", bias),
         "stated": ("stated", stated),
         "failures": ("failures", failures | {FAILURE: "why"}),
     }
-    kept = {"bias": "items", "stated": "errors"}
+    kept = {"noise": "items", "bias": "items", "stated": "errors"}
     found = {}
     for name, (source, columns) in views.items():
         table = tables[source]
