@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from testfield.bench.plan import against_random, ratio_of, timed
 from testfield.cli.main import main
 from testfield.errors import TestfieldError
 from testfield.plan.candidates import Candidates, candidates_of
@@ -20,6 +21,7 @@ from testfield.plan.subsets import Choice
 from testfield.plan.volume import covariance_at
 from testfield.scene.load import load_scene, parse_scene
 from testfield.scene.sight import hidden_by_meshes
+from testfield.seeds import normals
 
 SCENES = Path(__file__).parents[1] / "scenes"
 QUICK = SCENES / "quick.toml"
@@ -179,3 +181,32 @@ def test_a_place_beside_a_target_has_the_uncertainty_of_that_target(job: Job) ->
     ratio = np.sqrt(np.trace(there, axis1=1, axis2=2)) / np.linalg.norm(found.u_mm[row], axis=1)
     assert alike.sum() >= 5
     assert ratio[alike] == pytest.approx(np.ones(alike.sum()), abs=0.15)
+
+
+def test_scatter_as_predicted_has_the_ratio_one_and_twice_as_wide_two() -> None:
+    off = normals(1, "plan/ratio", 40 * 30, 3).reshape(40, 30, 3)
+    found = ratio_of(off)
+    assert found["low"] < 1 < found["high"]
+    assert found["high"] - found["low"] < 0.15
+    assert ratio_of(2 * off)["ratio"] == pytest.approx(2 * found["ratio"])
+    lost = off.copy()
+    lost[:3, 4] = np.nan  # a point that three trials did not find
+    assert ratio_of(lost)["ratio"] == pytest.approx(found["ratio"], rel=0.05)
+
+
+@pytest.mark.slow
+def test_the_proposed_network_is_within_a_tenth_of_the_best_of_many_random_ones(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("testfield.bench.plan.RANDOM", 300)
+    found = against_random("quick")
+    assert found["greedy_misses"] == 0
+    assert found["ratio"] < 1.1
+
+
+@pytest.mark.slow
+def test_five_thousand_targets_and_a_hundred_stations_are_planned_in_seconds() -> None:
+    found = timed(5000, 100)
+    assert found["measured"] > 4500
+    assert found["processor_s"] < 20
+    assert found["peak_gb"] < 2

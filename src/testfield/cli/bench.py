@@ -84,6 +84,14 @@ def add(commands: Any) -> None:
     one = _tool(tools, "cameras", _cameras, "several cameras together against each one alone, on a run's images")
     one.add_argument("run", type=Path, metavar="RUN", help="the folder of a run with several cameras")
 
+    one = _tool(tools, "plan", _plan, "predicted against rendered scatter, proposed networks against random ones, time")
+    one.add_argument("--only", choices=("time", "design", "rendered"), help="one of its three parts")
+    one.add_argument("--scenes", nargs="+", metavar="SCENE", help="what is rendered and exposed again and again")
+    one.add_argument("--trials", type=int, default=20, metavar="N", help="exposures of each (default: 20)")
+    one.add_argument(
+        "--out", type=Path, default=Path("renders/plan"), metavar="FOLDER", help="where finished runs and trials go"
+    )
+
 
 def _tool(tools: Any, name: str, act: Callable[[argparse.Namespace], int], what: str) -> argparse.ArgumentParser:
     p: argparse.ArgumentParser = tools.add_parser(name, help=what, description=f"{what[0].upper()}{what[1:]}.")
@@ -197,6 +205,20 @@ def _rendered(args: argparse.Namespace) -> int:
         checks = bench_rendered_noise(args.draws, args.out, jobs_of(args.jobs), _tell)
     print(json.dumps({"checks": [check.row() for check in checks]}) if args.json else table(checks))
     return 0 if all_passed([check for check in checks if check.limit is not SEVERAL]) else 1
+
+
+def _plan(args: argparse.Namespace) -> int:
+    import json
+
+    from testfield.bench.plan import LEAST_TRIALS, SCENES, bench_plan, said
+    from testfield.errors import TestfieldError
+    from testfield.score.scorecard import plain
+
+    if args.trials < LEAST_TRIALS:
+        raise TestfieldError(f"value {args.trials} is too few", "--trials", f"give {LEAST_TRIALS} or more")
+    found = bench_plan(args.only, tuple(args.scenes or SCENES), args.trials, args.out, _tell)
+    print(json.dumps(plain(found)) if args.json else "\n".join(said(found)))
+    return 0
 
 
 def _tell(what: str) -> None:

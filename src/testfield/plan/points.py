@@ -12,7 +12,7 @@ import numpy as np
 from testfield.camera.pose import Poses, cross_matrix
 from testfield.camera.project import camera_jacobian
 
-MOST_FLOPS = 1.2e11
+MOST_FLOPS = 3e11
 """Of generalised least squares: above it points are weighed by their pixels, and the difference is sampled."""
 SAMPLE = 48
 """Points in which both weights are compared then."""
@@ -145,7 +145,8 @@ def by_pixels(rays: Rays, shared: np.ndarray) -> PointCovariance:
     share = -own[point] @ (np.swapaxes(B, 1, 2) @ A)
     K = np.zeros((n, 3, len(shared)))
     for axis in range(3):
-        np.add.at(K[:, axis], (point[:, None], rays.columns), share[:, axis])
+        at = (point[:, None] * len(shared) + rays.columns).ravel()
+        K[:, axis] = np.bincount(at, share[:, axis].ravel(), n * len(shared)).reshape(n, -1)
     return PointCovariance(own, K.reshape(3 * n, -1), shared, "pixels")
 
 
@@ -164,10 +165,7 @@ def by_all(rays: Rays, shared: np.ndarray) -> PointCovariance:
             some = points[begin : begin + size]
             row = rays.first[some][:, None] + np.arange(k)
             A, B, columns = rays.by_shared[row], rays.by_point[row], rays.columns[row]
-            Z = np.zeros((len(some), k, 2, half.shape[1]))
-            # Unknowns of the camera are the same in all rays of one camera; each image's own are gathered.
-            for j in range(A.shape[-1]):
-                Z += A[..., j, None] * half[place[columns[..., j]]][:, :, None, :]
+            Z = _followed(A.reshape(-1, *A.shape[2:]), columns.reshape(-1, columns.shape[2]), half, place)
             Z = Z.reshape(len(some), 2 * k, -1)
             S = Z @ np.swapaxes(Z, 1, 2)
             S[:, np.arange(2 * k), np.arange(2 * k)] += 1
@@ -178,11 +176,23 @@ def by_all(rays: Rays, shared: np.ndarray) -> PointCovariance:
             own[some] = gain @ np.swapaxes(gain, 1, 2)
             split = gain.reshape(len(some), 3, k, 2)
             follows = -np.einsum("sikl,sklj->sikj", split, A)
+            at = (np.arange(len(some))[:, None, None] * P + columns).ravel()
             for axis in range(3):
-                part = np.zeros((len(some), P))
-                np.add.at(part, (np.arange(len(some))[:, None, None], columns), follows[:, axis])
-                K[some, axis] = part
+                part = np.bincount(at, follows[:, axis].ravel(), len(some) * P)
+                K[some, axis] = part.reshape(len(some), P)
     return PointCovariance(own, K.reshape(3 * n, -1), shared, "pixels and calibration")
+
+
+def _followed(A: np.ndarray, columns: np.ndarray, half: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """(m, 2, r) rows A (m, 2, w) at `columns` (m, w) times a matrix whose rows stand at `place`: all rays of one image
+    share their columns, so that each image is one product."""
+    image = columns[:, -1]
+    order = np.argsort(image, kind="stable")
+    answer = np.empty((len(A), 2, half.shape[1]))
+    for rows in np.split(order, np.flatnonzero(np.diff(image[order])) + 1):
+        here = half[place[columns[rows[0]]]]
+        answer[rows] = (A[rows].reshape(-1, A.shape[2]) @ here).reshape(len(rows), 2, -1)
+    return answer
 
 
 def flops_of(rays: Rays, shared: np.ndarray) -> float:
