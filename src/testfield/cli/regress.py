@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from testfield.cli.clusters import add_cluster, cluster_of
 from testfield.cli.show import add_load
 
 OUT = Path("renders/regress")
@@ -60,6 +61,7 @@ def _common(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes (default: one a core)"
     )
+    add_cluster(parser)
 
 
 def act(args: argparse.Namespace) -> int:
@@ -76,8 +78,8 @@ def _record(args: argparse.Namespace) -> int:
 
     suite = Suite.load(args.suite).within(args.budget)
     path = args.baseline or baseline_path(args.suite)
-    with only_writer(args.out):
-        baseline, said = recorded(suite, args.out, jobs_of(args.jobs))
+    with only_writer(args.out), cluster_of(args, args.out) as pool:
+        baseline, said = recorded(suite, args.out, jobs_of(args.jobs), pool)
     baseline.save(path)
     for line in said:
         print(f"not a number: {line}", file=sys.stderr)
@@ -102,16 +104,16 @@ def _check(args: argparse.Namespace) -> int:
     path, jobs = args.baseline or baseline_path(args.suite), jobs_of(args.jobs)
     setups = setups_of(suite)
     if not path.exists():
-        with only_writer(args.out):
-            recorded(suite, args.out, jobs)[0].save(candidate_path(args.suite))
+        with only_writer(args.out), cluster_of(args, args.out) as pool:
+            recorded(suite, args.out, jobs, pool)[0].save(candidate_path(args.suite))
         print(f"missing: {path}; a candidate was stored in {candidate_path(args.suite)}: look at it, and rename it")
         return 1
     baseline = Baseline.load(path)
     baseline.belongs_to(suite, setups, path)
-    with only_writer(args.out):
-        found = checked(suite, baseline, args.out, jobs)
+    with only_writer(args.out), cluster_of(args, args.out) as pool:
+        found = checked(suite, baseline, args.out, jobs, pool)
         if found.lacking:
-            recorded(suite, args.out, jobs)[0].save(candidate_path(args.suite))
+            recorded(suite, args.out, jobs, pool)[0].save(candidate_path(args.suite))
         notes = notes_of(suite, baseline, found)
         write_junit(found.findings, suite.name, args.junit or args.out / "junit.xml")
         write_markdown(found.findings, suite.name, notes, args.out / "summary.md")
@@ -146,8 +148,8 @@ def _selftest(args: argparse.Namespace) -> int:
     simulations = [simulated(shape, args.simulate) for shape in SHAPES] if args.simulate > 0 else []
     print(header(), flush=True)
     outcomes = []
-    with only_writer(args.out):
-        for one in tried(args.out, jobs_of(args.jobs), unchanged=args.unchanged):
+    with only_writer(args.out), cluster_of(args, args.out) as pool:
+        for one in tried(args.out, jobs_of(args.jobs), pool, unchanged=args.unchanged):
             print(row(one), flush=True)
             outcomes.append(one)
         path = write_table(outcomes, simulations, args.out / "selftest.md")
