@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from testfield.adjust.bundle import adjust
+from testfield.camera.interior import Interior
+from testfield.camera.pose import Poses
 from testfield.chain.recipe import recipe_of
 from testfield.errors import TestfieldError
 from testfield.measure.pipeline import measure
@@ -14,8 +16,10 @@ from testfield.plan.card import card_of
 from testfield.plan.datum import rms_in_board
 from testfield.plan.job import Job
 from testfield.plan.network import planned
+from testfield.plan.points import by_all, by_pixels, rays_of
 from testfield.plan.predict import Prediction, predict_scene
 from testfield.scene.exposure import sensor_of
+from testfield.scene.frames import camera_looking
 from testfield.scene.load import load_scene, parse_scene
 from testfield.scene.schema import SceneFile
 from testfield.scene.truth import see
@@ -160,3 +164,28 @@ look_at_mm = [0, 0, 0]
     albedo = world.panels.ink_albedo[0] - world.panels.ground_albedo[0]
     contrast = albedo * light / np.pi * sensor.electrons_per_radiance / sensor.gain_e_per_dn
     assert expecting.contrast_dn / contrast == pytest.approx(np.ones(len(place)), abs=0.01)
+
+
+def test_stations_all_around_know_a_point_as_the_formula_of_fraser_says() -> None:
+    """Mean precision q S s with q = sqrt(3 / (2 n)), cameras known (METHODS section 5.5)."""
+    n, distance_mm, focal_px, sigma_px = 60, 2000.0, 4000.0, 0.04
+    k = np.arange(n) + 0.5
+    z, turn = 1 - 2 * k / n, np.pi * (1 + np.sqrt(5)) * k
+    eyes = distance_mm * np.column_stack([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z])
+    looking = [camera_looking(eye, np.zeros(3), 0.3) for eye in eyes]
+    interior = Interior(4000, 4000, np.array([focal_px, focal_px, 2000, 2000, 0, 0, 0, 0, 0.0]))
+    rays = rays_of(
+        xyz_mm=np.zeros((1, 3)),
+        point=np.zeros(n, int),
+        image=np.arange(n),
+        cov_px2=np.tile(sigma_px**2 * np.eye(2), (n, 1, 1)),
+        poses=Poses(np.array([R for R, _ in looking]), np.array([t for _, t in looking])),
+        camera=np.zeros(n, int),
+        interiors=(interior,),
+        interior_at=[(np.zeros(0, int), np.zeros(0, int))],
+        image_at=6 * np.arange(n),
+    )
+    known = np.zeros((6 * n, 6 * n))
+    predicted = np.sqrt(3 / (2 * n)) * distance_mm / focal_px * sigma_px
+    for kind in (by_pixels, by_all):
+        assert np.sqrt(np.diag(kind(rays, known).blocks()[0])) == pytest.approx([predicted] * 3, rel=0.02)
