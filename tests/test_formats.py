@@ -117,3 +117,10 @@ def test_files_without_a_format_are_read(tiny: Run, tmp_path: Path) -> None:
     pq.write_table(table.replace_schema_metadata(notes), tmp_path / "observations.parquet")
     ours = Observations.load(tiny.folder / "observations.parquet")
     assert np.array_equal(Observations.load(tmp_path / "observations.parquet").xy_px, ours.xy_px)
+
+
+def test_every_key_of_a_plan_is_listed(capsys: pytest.CaptureFixture[str]) -> None:
+    scenes = Path(__file__).parents[1] / "scenes"
+    for asked in (["quick.toml", "--next", "1", "--exposures"], ["vdi2634.toml"]):
+        assert main(["plan", str(scenes / asked[0]), *asked[1:], "--json"]) == 0
+        assert not unlisted(json.loads(capsys.readouterr().out), "plan --json")

@@ -41,6 +41,7 @@ def act(args: argparse.Namespace) -> int:
     """Predict, propose, and show it."""
     import json
 
+    from testfield.chain.run import check_algorithms
     from testfield.cli.show import show_warnings
     from testfield.plan.card import card_of
     from testfield.plan.job import Job
@@ -56,6 +57,7 @@ def act(args: argparse.Namespace) -> int:
     path = find_scene(args.scene)
     scene = load_scene(path)
     with one_blas_thread(), numbered(path.read_bytes(), str(path)):
+        check_algorithms(scene, str(path))
         job = Job.of(scene, str(path))
         found = None if args.replace else predict(planned(job))
         proposal: dict[str, Any] = {}
