@@ -4,6 +4,7 @@ import numpy as np
 
 from testfield.adjust.weakness import weak_unknowns
 from testfield.calibrate.doubts import geometric_doubts
+from testfield.plan.network import LEAST_CODES
 from testfield.plan.predict import Prediction
 from testfield.targets.field import TIME
 
@@ -30,7 +31,15 @@ def warnings_of(found: Prediction) -> list[str]:
     doubts = geometric_doubts(network, plan.image_names, boards, cameras)
     if len(weak) > MOST_WEAK:
         weak = [*weak[:MOST_WEAK], f"{len(weak) - MOST_WEAK} more combinations of unknowns are hardly determined"]
-    return [*_targets(found), *weak, *doubts, *_narrow_boards(found, boards), *_control(found), *_directions(found)]
+    return [
+        *_targets(found),
+        *weak,
+        *doubts,
+        *_narrow_boards(found, boards),
+        *_hardly_named(found),
+        *_control(found),
+        *_directions(found),
+    ]
 
 
 def _targets(found: Prediction) -> list[str]:
@@ -71,6 +80,20 @@ def _narrow_boards(found: Prediction, boards: tuple[str, ...]) -> list[str]:
         if len(images) > 1 and widest < NARROW_DEG:
             notes.append(f"board '{name}' is seen only within {widest:.0f} degrees ({len(images)} images)")
     return notes
+
+
+def _hardly_named(found: Prediction) -> list[str]:
+    """Boards that show so few codes in an image that detection may not tell which they are."""
+    plan, marks = found.planned, found.job.world.marks
+    mark, image = found.job.expected.mark[plan.row], found.job.expected.station[plan.row]
+    coded = (marks.board[mark] >= 0) & (marks.code[mark] > 0)
+    pairs, codes = np.unique(np.column_stack([image, marks.board[mark]])[coded], axis=0, return_counts=True)
+    few = pairs[codes <= LEAST_CODES]
+    if not len(few):
+        return []
+    named = [f"'{found.job.field.boards[b].name}' in '{found.job.images[i]}'" for i, b in few[:NAMED]]
+    more = f" and {len(few) - NAMED} more" if len(few) > NAMED else ""
+    return [f"boards that show {LEAST_CODES} codes only, too few if one is misread: {', '.join(named)}{more}"]
 
 
 def _control(found: Prediction) -> list[str]:
