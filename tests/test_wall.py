@@ -42,6 +42,7 @@ MAY_IMPORT: dict[str, tuple[str, ...]] = {
     # Both.
     "score": (*GROUND, *TYPES, "statistics", *MEASURING, "scene"),
     "plan": (*GROUND, *TYPES, "statistics", "detect", "adjust", "calibrate", "scene", "simulate", "score"),
+    "author": (*GROUND, *TYPES, "scene"),
     "report": (*GROUND, *TYPES, "statistics", *MEASURING, "scene", "score", "simulate", "plan"),
     "chain": (*RESULTS, "report"),
     "evaluate": (*RESULTS, "report", "chain"),
@@ -49,7 +50,7 @@ MAY_IMPORT: dict[str, tuple[str, ...]] = {
     "bench": (*RESULTS, "plan", "cluster", "report", "chain", "evaluate", "certify"),
     "study": (*RESULTS, "report", "chain", "evaluate", "bench"),
     "api": (*RESULTS, "report", "chain", "evaluate"),
-    "cli": (*RESULTS, "plan", "cluster", "report", "chain", "evaluate", "certify", "bench", "study", "api"),
+    "cli": (*RESULTS, "plan", "author", "cluster", "report", "chain", "evaluate", "certify", "bench", "study", "api"),
     "__init__": ("version", "api"),
     "__main__": ("cli",),
 }

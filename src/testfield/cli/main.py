@@ -28,6 +28,7 @@ MODULES = (
     "study",
     "validate",
     "preview",
+    "print",
     "plan",
     "certify",
     "bench",
@@ -40,7 +41,7 @@ MODULES = (
 """Modules of this package, each of which enters one command or more."""
 
 GROUPS = {
-    "scenes": ("validate", "preview", "plan", "run"),
+    "scenes": ("validate", "preview", "plan", "run", "print"),
     "what a run holds": ("accept", "uncertainty"),
     "one stage of a run": ("render", "expose", "detect", "calibrate", "reconstruct", "score", "report"),
     "photographs": ("measure", "codes"),

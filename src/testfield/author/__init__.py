@@ -1,0 +1,1 @@
+"""What somebody who plans a job makes: boards to print."""

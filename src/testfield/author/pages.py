@@ -1,0 +1,165 @@
+"""Prints on sheets of paper: one a page, or parts of one that are glued together."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from testfield.author.prints import Print, sectors_of
+from testfield.errors import TestfieldError
+from testfield.targets.field import NominalBoard
+from testfield.targets.marks import Marks
+
+PAPERS_MM = {
+    "A4": (210.0, 297.0),
+    "A3": (297.0, 420.0),
+    "A2": (420.0, 594.0),
+    "A1": (594.0, 841.0),
+    "A0": (841.0, 1189.0),
+    "Letter": (215.9, 279.4),
+    "Tabloid": (279.4, 431.8),
+}
+"""ISO 216 and ANSI Y14.1, upright."""
+CAPTION_MM = 14.0
+"""Of every page's lower margin, for the ruler and what the page is."""
+LEAST_CODES = 3
+"""Coded targets on a part that is a board of its own: two on one line would leave its dots to chance."""
+
+
+@dataclass(frozen=True)
+class Page:
+    """A sheet of paper of `paper_mm` (2,) with a `print` in its place; `shift_mm` (2,) leads from the print's middle
+    to the paper's. `number` of `count`; `glue` tells at which of its left and lower sides a strip of `overlap_mm` is
+    left on which the neighbour is glued; `of` is the whole board's name."""
+
+    paper_mm: np.ndarray
+    print: Print
+    shift_mm: np.ndarray
+    number: int = 1
+    count: int = 1
+    glue: tuple[bool, bool] = (False, False)
+    overlap_mm: float = 0.0
+    of: str = ""
+    place: tuple[int, int] = (0, 0)
+
+
+def paper(name: str) -> np.ndarray:
+    """(2,) width and height in mm of a paper, upright. Raises `TestfieldError` for one that is not known."""
+    known = {key.lower(): size for key, size in PAPERS_MM.items()}
+    if name.lower() not in known:
+        raise TestfieldError(f"no paper is called '{name}'", "--paper", f"choose one of {', '.join(PAPERS_MM)}")
+    return np.array(known[name.lower()])
+
+
+def one_page(one: Print, paper_mm: np.ndarray, margin_mm: float) -> Page:
+    """A print in the middle of a page, upright or across. Raises `TestfieldError` where it is larger."""
+    for size in (paper_mm, paper_mm[::-1]):
+        room = usable(size, margin_mm)
+        if np.all(one.size_mm <= room + 1e-6):
+            return Page(size, one, np.array([0.0, CAPTION_MM / 2]), of=one.name)
+    width, height = one.size_mm
+    room = usable(paper_mm, margin_mm)
+    raise TestfieldError(
+        f"board '{one.name}' is {width:.4g} x {height:.4g} mm, and the page has room for {room[0]:.4g} x {room[1]:.4g}",
+        "--paper",
+        f"take {_fitting(one.size_mm, margin_mm)}, or --tile it over several pages",
+    )
+
+
+def usable(paper_mm: np.ndarray, margin_mm: float) -> np.ndarray:
+    """(2,) room for print on a paper between its margins and above its caption."""
+    return np.asarray(paper_mm - 2 * margin_mm - [0, CAPTION_MM])
+
+
+def _fitting(size_mm: np.ndarray, margin_mm: float) -> str:
+    for name, (width, height) in PAPERS_MM.items():
+        for paper_mm in ((width, height), (height, width)):
+            if np.all(size_mm <= usable(np.array(paper_mm), margin_mm)):
+                return name
+    return "a plotter's PDF, SVG or DXF with --paper board"
+
+
+def own_page(one: Print, margin_mm: float) -> Page:
+    """A page that is made for its print: for plotters and for those who print on boards."""
+    size = one.size_mm + 2 * margin_mm + [0, CAPTION_MM]
+    return Page(size, one, np.array([0.0, CAPTION_MM / 2]), of=one.name)
+
+
+def tiled(one: Print, paper_mm: np.ndarray, margin_mm: float, overlap_mm: float) -> list[Page]:
+    """A print over as many pages as it takes, row by row from the top left; each is a board of its own.
+
+    Cuts keep clear of all marks. Raises `TestfieldError` where that cannot be, where a part would have too few coded
+    targets to be known, and for boards of squares, tags or circles in a grid, which are known as wholes only.
+    """
+    if one.board is None or one.board.pattern is not None:
+        kind = one.board.pattern.kind if one.board is not None and one.board.pattern is not None else "card"
+        raise TestfieldError(
+            f"board '{one.name}' is a {kind}, which is found as a whole and cannot be put together from parts",
+            "--tile",
+            f"take {_fitting(one.size_mm, margin_mm)}, or a board of ring codes",
+        )
+    choices = [_tiles(one, size, margin_mm, overlap_mm) for size in (paper_mm, paper_mm[::-1])]
+    found = [choice for choice in choices if not isinstance(choice, TestfieldError)]
+    if not found:
+        raise next(choice for choice in choices if isinstance(choice, TestfieldError))
+    return min(found, key=len)
+
+
+def _tiles(one: Print, paper_mm: np.ndarray, margin_mm: float, overlap_mm: float) -> list[Page] | TestfieldError:
+    room = usable(paper_mm, margin_mm) - overlap_mm
+    try:
+        x, y = (_cuts(one, axis, float(room[axis])) for axis in (0, 1))
+    except TestfieldError as error:
+        return error
+    pages: list[Page] = []
+    count = (len(x) - 1) * (len(y) - 1)
+    for row in range(len(y) - 2, -1, -1):
+        for column in range(len(x) - 1):
+            low, high = np.array([x[column], y[row]]), np.array([x[column + 1], y[row + 1]])
+            part = _part(one, low, high, f"{one.name} {len(pages) + 1}")
+            codes = int((part.marks.code > 0).sum())
+            if codes < LEAST_CODES:
+                return TestfieldError(
+                    f"page {len(pages) + 1} of board '{one.name}' would have {codes} coded targets, and it takes "
+                    f"{LEAST_CODES} to know a page by them",
+                    "--paper",
+                    "take larger paper, or give the board more coded targets, spread over all of it",
+                )
+            glue = (column > 0, row > 0)
+            # The strip for glue lies beyond the print, on the left and below: the print moves to the right and up.
+            shift = np.array([overlap_mm / 2 * glue[0], CAPTION_MM / 2 + overlap_mm / 2 * glue[1]])
+            pages.append(Page(paper_mm, part, shift, len(pages) + 1, count, glue, overlap_mm, one.name, (column, row)))
+    return pages
+
+
+def _cuts(one: Print, axis: int, room_mm: float) -> np.ndarray:
+    """Where the print is cut across an axis, its ends included: as few parts as fit, about equal, clear of marks."""
+    half = one.size_mm[axis] / 2
+    low, high = (one.marks.xy_mm[:, axis] + sign * one.reach_mm for sign in (-1, 1))
+    for parts in range(int(np.ceil(2 * half / room_mm - 1e-9)), 2 * int(np.ceil(2 * half / room_mm)) + 2):
+        cuts = [-half]
+        for k in range(1, parts):
+            wanted = -half + 2 * half * k / parts
+            tried = np.concatenate([[wanted], low, high])
+            free = ~((tried[:, None] > low + 1e-9) & (tried[:, None] < high - 1e-9)).any(axis=1)
+            fits = (tried - cuts[-1] <= room_mm + 1e-9) & (tried > cuts[-1])
+            if not (free & fits).any():
+                break
+            tried = tried[free & fits]
+            cuts.append(float(tried[np.abs(tried - wanted).argmin()]))
+        if len(cuts) == parts and half - cuts[-1] <= room_mm + 1e-9:
+            return np.array([*cuts, half])
+    raise TestfieldError(
+        f"no cut {'across' if axis else 'down'} board '{one.name}' passes between its marks within {room_mm:.4g} mm",
+        "--paper",
+        "take larger paper, or leave lanes between the marks",
+    )
+
+
+def _part(one: Print, low: np.ndarray, high: np.ndarray, name: str) -> Print:
+    """What lies between two corners, about its own middle."""
+    middle = (low + high) / 2
+    own = np.all((one.marks.xy_mm > low) & (one.marks.xy_mm < high), axis=1)
+    marks = Marks(one.marks.xy_mm[own] - middle, one.marks.diameter_mm[own], one.marks.code[own], one.marks.bits)
+    assert one.board is not None
+    board = NominalBoard(name, marks, one.board.u_xy_mm, one.board.u_z_mm)
+    return replace(one, name=name, size_mm=high - low, marks=marks, sectors=sectors_of(marks, one.radii), board=board)
