@@ -85,7 +85,7 @@ def as_they_must(run: Run) -> dict[str, float]:
 def test_the_truth_scores_zero_and_what_is_broken_what_it_was_broken_by(tiny: Run) -> None:
     planted = as_they_must(tiny)
     assert planted[CENTRE.key] == pytest.approx(0.5 / np.sqrt(2)) and planted[CORNER.key] > 0.3
-    assert planted[SCALE] == pytest.approx(1000, rel=1e-3)
+    assert planted[SCALE] == pytest.approx(10_000, rel=1e-3)
 
 
 def test_the_truth_scores_zero_in_a_world_of_several_boards_and_points(quick: Run) -> None:
