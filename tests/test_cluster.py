@@ -1,14 +1,17 @@
 """Cases on many machines: what is lost is done again, what is finished is not, and the table is that of one process."""
 
+import math
 import shutil
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import pandas as pd
 import pytest
 from on_a_cluster import cases, counted, environment, wait_for
 
 import testfield
+from testfield.chain import progress
 from testfield.cli.main import main
 from testfield.cluster.at_work import do, told
 from testfield.cluster.batch_file import BatchFile
@@ -17,7 +20,10 @@ from testfield.cluster.opened import opened
 from testfield.cluster.program import program
 from testfield.errors import TestfieldError, faults_in
 from testfield.evaluate import execute as module
+from testfield.evaluate.case import Case
+from testfield.evaluate.cost import expected_s
 from testfield.evaluate.execute import case_key, execute
+from testfield.evaluate.kept_rows import Found
 from testfield.store.work import Lost, as_done
 
 
@@ -169,6 +175,50 @@ def test_finished_cases_stand_in_object_storage_and_nothing_else_is_shared(tmp_p
     log.unlink()
     execute(cases(count, log, 0), tmp_path / "another", pool=Elsewhere(store))
     assert not log.exists()
+
+
+class NoBucket:
+    """What s3fs does where a bucket is missing: a write finds no place, and making folders would make the bucket."""
+
+    protocol = ("s3", "s3a")
+
+    def pipe_file(self, path: str, content: bytes) -> None:
+        raise FileNotFoundError("The specified bucket does not exist")
+
+
+def test_a_misspelt_bucket_is_not_made(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module.Objects, "_reached", (NoBucket(), "buckte/place"))
+    with pytest.raises(TestfieldError, match="no such bucket") as said:
+        module.Objects("s3://buckte/place").check()
+    assert said.value.where == "s3://buckte/place"
+
+
+def test_files_that_a_scene_names_go_through_object_storage(tmp_path: Path) -> None:
+    (tmp_path / "hull.obj").write_text("v 0 0 0\n")
+    scene = {"name": "a", "meshes": [{"name": "hull", "file": "hull.obj"}]}
+    one = Case({}, "x:y", scene=scene, folder=tmp_path)
+    store = module.Objects(f"local://{tmp_path}/bucket")
+    sent = module.packed(one, store)
+    (tmp_path / "hull.obj").unlink()
+    here = module.unpacked(sent, store, tmp_path / "worker")
+    assert [path.read_text() for path in here.files.values()] == ["v 0 0 0\n"]
+    (tmp_path / "hull.obj").write_text("v 0 0 0\n")
+    assert module.case_key(here) == module.case_key(one) and module.run_name(here) == module.run_name(one)
+
+
+# ------------------------------------------------------------------ what is said before and meanwhile
+def test_the_time_that_is_left_is_told_from_what_finished_cases_took() -> None:
+    known = [Case({"n": k}, weight=k + 1) for k in range(4)]
+    found = [Found(pd.DataFrame(), 10.0), Found(pd.DataFrame(), 26.0), None, None]
+    assert expected_s(known, found, 2) == pytest.approx(36 / 3 * 7 / 2)
+    assert math.isnan(expected_s(known, [None] * 4, 2))
+
+
+def test_what_was_done_before_says_nothing_of_how_fast_it_goes_now(monkeypatch: pytest.MonkeyPatch) -> None:
+    lines = progress._Lines("cases", 1000, "cases", before=900)
+    monkeypatch.setattr(progress.time, "monotonic", lambda: lines.begun + 60)
+    lines.done += 1
+    assert "about 99 min to go" in lines._so_far()
 
 
 # ------------------------------------------------------------------ a cluster's file

@@ -112,9 +112,11 @@ def test_parts_of_a_living_process_stay_and_those_of_dead_ones_go(tmp_path: Path
     mine.parent.mkdir()
     mine.touch()
     dead = mine.with_name(f".a.part{2**22 + 1}.png")
-    dead.touch()
+    other_machines = mine.with_name(f".a.part{2**22 + 1}-0000abcd.png")
+    for part in (dead, other_machines):
+        part.touch()
     sweep(tmp_path)
-    assert mine.exists() and not dead.exists()
+    assert mine.exists() and not dead.exists() and other_machines.exists()
 
 
 def test_a_file_is_whole_or_absent(tmp_path: Path) -> None:

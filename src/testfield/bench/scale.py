@@ -38,6 +38,8 @@ NAMES = 1000
 SCATTER = 0.5
 """Standard deviation of the logarithm of the time that a case takes."""
 TASKS = 2000
+IS_IT_THERE = 3
+"""Requests by which s3fs finds that an object is not there (counted at a server of moto's)."""
 
 
 @dataclass(frozen=True)
@@ -181,12 +183,12 @@ def requests(costs: Costs, count: int, whole_s: float) -> dict[str, float]:
     pages = math.ceil(count / NAMES)
     looks = whole_s / max(LOOK_S, pages * ANSWER_S / LIST_SHARE)
     return {
-        "looked_for_by_workers": count,
+        "looked_for_by_workers": IS_IT_THERE * count,
         "written": count,
         "read": count,
         "listed": (3 + looks) * pages,
         "one_by_one": count * (1 + whole_s / LOOK_S),
-        "most_in_a_second": count * 2 / whole_s + pages / max(pages * ANSWER_S, 1),
+        "most_in_a_second": count * (IS_IT_THERE + 2) / whole_s + pages / max(pages * ANSWER_S, 1),
     }
 
 

@@ -7,6 +7,7 @@ puts an object in its place at once, a folder does by renaming, so that nobody e
 import os
 import uuid
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -17,6 +18,8 @@ from testfield.store.atomic import whole
 from testfield.store.disk import GOES_ON
 
 T = TypeVar("T")
+FOLDERS = frozenset({"local", "file", "memory", "sftp", "ssh", "smb", "hdfs", "webhdfs", "ftp"})
+"""Protocols of storage whose folders are more than a part of names. Elsewhere a misspelt URL would make a bucket."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +54,7 @@ class Objects:
         """Whether there is such a file."""
         if self.folder is not None:
             return (self.folder / name).is_file()
-        return bool(self._asked(lambda: self._system.exists(self._at(name), refresh=True)))
+        return bool(self._asked(lambda: self._system.exists(self._at(name))))
 
     def read(self, name: str) -> bytes:
         """A file's bytes. Raises `FileNotFoundError`."""
@@ -72,8 +75,9 @@ class Objects:
         """Take a file away where there is one."""
         if self.folder is not None:
             (self.folder / name).unlink(missing_ok=True)
-        elif self.there(name):
-            self._asked(lambda: self._system.rm_file(self._at(name)))
+        else:
+            with suppress(FileNotFoundError):
+                self._asked(lambda: self._system.rm_file(self._at(name)))
 
     def check(self) -> None:
         """Raises as `write` does where nothing can be written."""
@@ -84,7 +88,10 @@ class Objects:
     def _put(self, path: str, content: bytes) -> None:
         try:
             self._system.pipe_file(path, content)
-        except FileNotFoundError:  # where folders are more than a part of names
+        except FileNotFoundError as error:
+            spoken = self._system.protocol  # one name or several
+            if not FOLDERS.intersection([spoken] if isinstance(spoken, str) else spoken):
+                raise OSError(f"there is no such bucket: {error}") from error
             self._system.makedirs(path.rpartition("/")[0], exist_ok=True)
             self._system.pipe_file(path, content)
 
