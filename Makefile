@@ -1,4 +1,4 @@
-.PHONY: demo test test-all torture check mutants mutation setup clean
+.PHONY: demo test test-all torture regress check mutants mutation setup clean
 
 # Two tests at once, each with one thread of linear algebra: more would only wait for each other.
 PYTEST = OMP_NUM_THREADS=1 .venv/bin/python -m pytest -q -n 2 --durations 15
@@ -14,6 +14,10 @@ test-all: setup check
 
 torture: setup
 	.venv/bin/python tests/torture/run.py
+
+# The project's own figures against their committed baselines; `make test` runs the quick part.
+regress: setup
+	OMP_NUM_THREADS=1 .venv/bin/testfield regress check scenes/regress/quick.toml
 
 # Defects that were planted by hand: each must turn the test red that it names (tests/mutants/README.md).
 mutants: setup

@@ -42,6 +42,7 @@ def add(commands: Any) -> None:
         metavar="N",
         help="checks of unchanged code under other noise (default: 20)",
     )
+    q.add_argument("--only", default="", metavar="WORD", help="only defects whose title has this word")
     q.add_argument(
         "--simulate", type=int, default=2000, metavar="N", help="simulated checks of unchanged code (default: 2000)"
     )
@@ -149,7 +150,7 @@ def _selftest(args: argparse.Namespace) -> int:
     print(header(), flush=True)
     outcomes = []
     with only_writer(args.out), cluster_of(args, args.out) as pool:
-        for one in tried(args.out, jobs_of(args.jobs), pool, unchanged=args.unchanged):
+        for one in tried(args.out, jobs_of(args.jobs), pool, args.unchanged, args.only):
             print(row(one), flush=True)
             outcomes.append(one)
         path = write_table(outcomes, simulations, args.out / "selftest.md")
