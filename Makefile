@@ -1,4 +1,4 @@
-.PHONY: demo test test-all torture regress check mutants mutation setup clean
+.PHONY: demo docs test test-all torture regress check mutants mutation setup clean
 
 # Two tests at once, each with one thread of linear algebra: more would only wait for each other.
 PYTEST = OMP_NUM_THREADS=1 .venv/bin/python -m pytest -q -n 2 --durations 15
@@ -37,6 +37,10 @@ mutation: setup
 	cd .mutation && $(MUTATE) python tests/mutants/mutate.py session.sqlite $(JOBS)
 	cd .mutation && ../.venv/bin/cr-report session.sqlite --surviving-only --show-diff
 	cd .mutation && ../.venv/bin/cr-rate session.sqlite --fail-over 10
+
+# What `import testfield as tf` offers, as pages, in renders/docs.
+docs: setup
+	.venv/bin/pdoc --no-show-source --docformat google -o renders/docs testfield.api
 
 check: setup
 	.venv/bin/ruff format --check src tests

@@ -35,6 +35,15 @@ def test_a_finished_run_is_read_as_typed_objects(tiny: Run) -> None:
     assert len(result.score.ten) == 10
     with pytest.raises(TestfieldError, match="no such table"):
         result.table("truth")
+    shown = result._repr_html_()
+    assert all(f"<td>{value}</td>" in shown for value in result.score.ten.values())
+
+
+def test_every_stable_name_has_its_page(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "pdoc", "--no-show-source", "-o", str(tmp_path), "testfield.api"]
+    subprocess.run(command, check=True)
+    page = (tmp_path / "testfield/api.html").read_text(encoding="utf-8")
+    assert all(f'id="{name}"' in page for name in tf.__all__ if name != "__version__")
 
 
 def test_what_is_measured_again_scores_the_same(tiny: Run) -> None:

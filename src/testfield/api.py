@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -67,6 +68,12 @@ class Score:
         """The ten figures that matter, as they are printed."""
         return dict(ten_figures(self.figures))
 
+    def _repr_html_(self) -> str:
+        """The ten figures and what failed, as a notebook shows them."""
+        rows = "".join(f"<tr><td>{escape(what)}</td><td>{escape(value)}</td></tr>" for what, value in self.ten.items())
+        failed = "".join(f"<li>{escape(sentence)}</li>" for sentence in self.failures)
+        return f"<table>{rows}</table>" + (f"<ul>{failed}</ul>" if failed else "")
+
 
 @dataclass(frozen=True)
 class RunResult:
@@ -103,6 +110,10 @@ class RunResult:
     def score(self) -> Score:
         """Everything measured against the truth."""
         return Score(load_scorecard(self.folder / "scorecard.json"))
+
+    def _repr_html_(self) -> str:
+        """The folder, and the score, as a notebook shows them."""
+        return f"<p>{escape(str(self.folder))}</p>{self.score._repr_html_()}"
 
     def frames(self) -> Iterator[Frame]:
         """The images, one after the other."""
