@@ -24,6 +24,7 @@ from testfield.evaluate.case import Case
 from testfield.evaluate.cost import expected_s
 from testfield.evaluate.execute import case_key, execute
 from testfield.evaluate.kept_rows import Found
+from testfield.store.processes import running
 from testfield.store.work import Lost, as_done
 
 
@@ -250,6 +251,38 @@ def test_a_job_script_asks_for_what_the_file_says(tmp_path: Path) -> None:
     assert line.startswith("/opt/env/bin/python -m distributed.cli.dask_worker tcp://")
     assert "--nworkers 4" in line and "--nthreads 1" in line
     assert "--local-directory /scratch" in line and f"--lifetime {26 * 3600 - 120}s" in line
+
+
+SBATCH = """#!/bin/bash
+script=$(mktemp --tmpdir="$(dirname "$0")"); cp "$1" "$script"
+setsid bash "$script" >/dev/null 2>&1 &
+echo "Submitted batch job $!"
+"""
+SCANCEL = """#!/bin/bash
+kill -9 -- -"$1"
+"""
+
+
+@pytest.mark.slow
+def test_jobs_of_a_batch_system_do_cases_and_end_with_the_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Commands that stand for Slurm's: they run job scripts on this machine, and end them."""
+    for name, text in (("sbatch", SBATCH), ("scancel", SCANCEL)):
+        (tmp_path / name).write_text(text)
+        (tmp_path / name).chmod(0o755)
+    around = environment()
+    monkeypatch.setenv("PATH", f"{tmp_path}:{around['PATH']}")
+    path = f"export PYTHONPATH={around['PYTHONPATH']}"
+    file = _file(tmp_path, f'jobs = 2\nmemory_gb = 2\ninterface = "lo"\nbefore = ["{path}"]\n')
+    log = tmp_path / "log"
+    with opened(str(file), None, tmp_path / "many") as pool:
+        wait_for(lambda: _workers(pool) == 2)
+        many = execute(cases(40, log, 0.05), tmp_path / "many", pool=pool)
+        jobs = {int(line.split()[2]) for line in log.read_text().splitlines()}
+    assert max(counted(log, "begun").values()) == 1 and len(jobs) == 2
+    assert many.equals(execute(cases(40, log, 0.05), tmp_path / "one"))
+    wait_for(lambda: not any(running(pid) for pid in jobs))
 
 
 @pytest.mark.parametrize(

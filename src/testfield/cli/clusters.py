@@ -2,7 +2,7 @@
 
 import argparse
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -35,10 +35,13 @@ def cluster_of(args: argparse.Namespace, folder: Path) -> Iterator[Any]:
             raise TestfieldError("this is for a cluster", "--store", "give --cluster too, or leave it out")
         yield None
         return
-    from testfield.chain.progress import say
+    from testfield.chain.progress import say, step
     from testfield.cluster.opened import opened
 
-    with opened(args.cluster, store, folder) as pool:
+    with ExitStack() as stack:
+        say("cluster", f"asking {args.cluster} for processes")
+        with step("cluster"):  # a batch system may let jobs wait for an hour
+            pool = stack.enter_context(opened(args.cluster, store, folder))
         dashboard = f", dashboard {pool.dashboard}" if pool.dashboard else ""
         say("cluster", f"{pool.processes()} processes at {args.cluster}{dashboard}")
         yield pool

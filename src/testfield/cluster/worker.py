@@ -55,9 +55,10 @@ async def _serve(
 
 
 async def _reachable(address: str) -> bool:
-    connect = needed("distributed").comm.connect
+    distributed = needed("distributed")
     try:
-        comm = await connect(address, timeout=CONNECT_S)
+        certificates = distributed.Security().get_connection_args("worker")  # as Dask's configuration names them
+        comm = await distributed.comm.connect(address, timeout=CONNECT_S, **certificates)
     except (OSError, TimeoutError):
         return False
     except ValueError as error:
@@ -83,7 +84,7 @@ async def _stay(address: str, processes: int, memory_gb: float | None, scratch: 
         ]
         for one in await asyncio.gather(*begun):
             stack.push_async_callback(one.close, timeout=2)
-        _say(f"{processes} process(es) serve {address}")
+        _say(f"{processes} processes serve {address}" if processes > 1 else f"one process serves {address}")
         await asyncio.gather(*(one.finished() for one in begun))
     return True
 
