@@ -115,6 +115,15 @@ def test_a_recipe_worse_than_what_is_broken_is_named_and_the_ruler_is_believed()
     assert compared.sane and compared.lost_to_broken == {"b": [CENTRE.title]}
 
 
+def test_what_is_broken_is_an_opponent_in_its_own_scene_alone() -> None:
+    broken = SHIFT_PX / np.sqrt(2)
+    own = {POINTS.key: [20.0, 2.0, 0.0, 50.0, 0.1, 0.9, 0.0, 1.0], CENTRE.key: [0.01, 0.01, 0.0, broken] * 2}
+    rows = rows_of(recipe=["a", "b", TRUTH, BROKEN] * 2, scene=["large"] * 4 + ["small"] * 4, **own)
+    assert conclude(rows, ["a", "b"], MATTERS).lost_to_broken == {}
+    rows.loc[5, POINTS.key] = 1.1
+    assert conclude(rows, ["a", "b"], MATTERS).lost_to_broken == {"b": [POINTS.title]}
+
+
 def test_where_every_case_failed_the_tables_stand_and_nothing_is_believed() -> None:
     rows = rows_of(recipe=["a", "b", TRUTH, BROKEN], **{FAILURE: ["too few boards"] * 4})
     compared = conclude(rows, ["a", "b"], MATTERS)

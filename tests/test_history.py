@@ -1,6 +1,7 @@
 """A history of checks: what is kept, what a page shows, and what a database gets that cannot be used."""
 
 import sqlite3
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from testfield.evaluate.regress import history
 from testfield.evaluate.regress.changes import change_points
 from testfield.evaluate.regress.check import Checked
 from testfield.evaluate.regress.history import append, kept
-from testfield.evaluate.regress.history_page import write_history
+from testfield.evaluate.regress.history_page import _change, write_history
 from testfield.evaluate.regress.suite import Figure, Suite, SuiteScene
 from testfield.evaluate.regress.verdict import judged
 
@@ -56,6 +57,27 @@ def test_the_page_says_at_which_commit_another_level_begins(tmp_path: Path) -> N
     path = write_history(filled(tmp_path / "h.sqlite"), tmp_path / "h.html")
     text = path.read_text()
     assert "rms – 1 change" in text and f"{7:040x}"[:10] in text
+
+
+def test_the_page_has_the_means_of_whole_levels(tmp_path: Path) -> None:
+    levels = pd.DataFrame({"value": [1.0] * 3 + [2.0] * 2 + [4.0] * 9, "verdict": "", "made": "", "commit_id": ""})
+    row = _change(("a", "r", "rms"), levels, 3, 5, 14)
+    assert (row["before"], row["after"], row["change_%"]) == (2.0, 4.0, 100.0)
+
+
+def test_a_history_that_two_checks_begin_at_once_is_begun_once(tmp_path: Path) -> None:
+    path = tmp_path / "h.sqlite"
+    first = sqlite3.connect(path, isolation_level=None)
+    first.execute("BEGIN IMMEDIATE")
+    second = threading.Thread(target=append, args=(path, SUITE, found(1.0), made("b")))
+    second.start()
+    second.join(0.3)  # it has seen an empty file, and waits
+    for statement in history.SCHEMA.split(";")[:-1]:
+        first.execute(statement)
+    first.execute("COMMIT")
+    second.join()
+    first.close()
+    assert kept(path, "own").commit_id.unique().tolist() == ["b"]
 
 
 def test_change_points_are_found_where_they_are_and_nowhere_else() -> None:

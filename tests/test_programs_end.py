@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from testfield.measure.aside import clocks
 from testfield.measure.outside import Program
 from testfield.measure.programs import run_program
 
@@ -124,3 +125,10 @@ def test_an_installation_ends_with_the_command_that_began_it_and_leaves_nothing_
     finally:
         process.kill()
         process.wait()
+
+
+def test_what_a_program_works_is_told_with_its_stage(tmp_path: Path) -> None:
+    (tmp_path / "works.py").write_text("import time\nwhile time.process_time() < 0.3:\n    pass\n")
+    begun = clocks()["cpu"]
+    run_program(Program(f"{sys.executable} works.py", tmp_path, 60.0), {}, tmp_path, "here")
+    assert clocks()["cpu"] - begun > 0.25

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from testfield.errors import TestfieldError
-from testfield.evaluate.regress.for_tests import FieldRegression, Regressed
+from testfield.evaluate.regress.for_tests import FieldRegression, Regressed, name_of
 from testfield.store.lock import only_writer
 
 ROOT = Path(__file__).parents[1]
@@ -142,3 +142,16 @@ def test_figures_that_only_one_side_has_and_other_numbers_of_draws_fail(tmp_path
     own.path.rename(other.path)
     with pytest.raises(TestfieldError, match="baseline of 't'"):
         other.check({"rms": [1.0, 1.1, 1.2]})
+
+
+def test_what_is_said_of_a_figure_that_is_not_there_is_refused(tmp_path: Path) -> None:
+    FieldRegression("t", tmp_path, record=True).check({"rms": 1.0})
+    own = FieldRegression("t", tmp_path)
+    for said in ({"matters": {"rsm": 9.0}}, {"better": {"rsm": "more"}}, {"better": {"rms": "smaller"}}):
+        with pytest.raises(TestfieldError, match=r"rsm|smaller"):
+            own.check({"rms": 1.0}, **said)  # type: ignore[arg-type]
+
+
+def test_tests_of_a_file_have_names_of_their_own_whatever_their_parameters_are() -> None:
+    names = [name_of(f"tests/a/test_x.py::test_{which}[lens/wide]") for which in ("one", "other")]
+    assert names == ["test_x.py::test_one[lens/wide]", "test_x.py::test_other[lens/wide]"]

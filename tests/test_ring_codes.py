@@ -10,6 +10,8 @@ from testfield.camera.interior import Interior
 from testfield.camera.pose import Poses, rotation
 from testfield.certify.reference import ink_in_pixels
 from testfield.detect import detect
+from testfield.detect.centre import Centres
+from testfield.detect.centre_ring import Rings, fit_with_rings
 from testfield.detect.detect import measure_targets
 from testfield.detect.observations import MEASURED
 from testfield.detect.ring_pixels import bright_segments, ring_in_pixels, ring_nodes
@@ -159,3 +161,15 @@ def test_a_word_that_repeats_itself_leaves_the_turn_open() -> None:
     row = np.flatnonzero(found.code == number)[0]
     assert found.status[row] == MEASURED
     assert np.isnan(found.affine[row]).all()
+
+
+def test_a_ring_that_was_never_fitted_does_not_agree_with_its_model() -> None:
+    rough, each = Centres.empty(2), np.ones(2)
+    xy, cov, moments = np.full((2, 2), 40.0), np.tile(np.eye(2), (2, 1, 1)), np.tile(4.0 * np.eye(2), (2, 1, 1))
+    rough.put(np.arange(2), Centres(xy, cov, moments, 200 * each, 100 * each, each, 0 * each, each == 1))
+    affine = np.stack([np.full((2, 2), np.nan), 4.0 * np.eye(2)])
+    rings = Rings(affine, code_words(BITS)[:2], BITS, RADIUS)
+    fitted = fit_with_rings(np.full((80, 80), 150.0), SHEET, rough, rings)
+    assert not fitted.centres.ok[0]
+    assert np.isinf(fitted.patch[0]) and np.isinf(fitted.patch_sigmas[0])
+    assert np.isfinite(fitted.patch[1])

@@ -155,7 +155,7 @@ def _fit(batch: Batch, sheet: SensorSheet, rings: Rings) -> Fitted:
     prior[:, TWISTED:] = 1 / MOST_TWISTED**2
     good = sound(batch, theta) & np.isfinite(ring.start).all(axis=(1, 2))
     safe = theta.copy()
-    use, left = np.zeros_like(batch.inside), good.copy()
+    begun, use, left = good.copy(), np.zeros_like(batch.inside), good.copy()
     model, covariance = np.zeros_like(values), np.zeros((len(theta), PARAMETERS, PARAMETERS))
     for k in range(ROUNDS):
         rows = np.flatnonzero(left)
@@ -188,7 +188,9 @@ def _fit(batch: Batch, sheet: SensorSheet, rings: Rings) -> Fitted:
         left &= good
     residual, variance = np.where(use, values - model, 0), np.where(use, sheet.variance_dn2(model), 0)
     centres = _centres(batch, use, residual, variance, covariance[:, :2, :2], good & ~left)
-    return Fitted(centres, *_worst_patch(residual, variance, theta[:, CONTRAST]))
+    patch = _worst_patch(residual, variance, theta[:, CONTRAST])
+    # What was never compared with its model does not agree with it.
+    return Fitted(centres, *(np.where(begun, values, np.inf) for values in patch))
 
 
 def _worst_patch(residual: np.ndarray, variance: np.ndarray, contrast: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -90,10 +90,10 @@ def field_scorecard(field_scene: "Rendered") -> dict[str, Any]:
 @pytest.fixture
 def field_regression(request: pytest.FixtureRequest) -> "FieldRegression":
     """`field_regression.check(metrics)`: figures held against the test's baseline, which `--field-record` writes."""
-    from testfield.evaluate.regress.for_tests import FieldRegression
+    from testfield.evaluate.regress.for_tests import FieldRegression, name_of
 
     return FieldRegression(
-        request.node.nodeid.rpartition("/")[2],
+        name_of(request.node.nodeid),
         request.path.parent / "field_baselines",
         request.config.getoption("--field-record"),
     )

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from testfield.errors import TestfieldError
+from testfield.errors import TestfieldError, nearest
 from testfield.evaluate.regress.baseline import Baseline, made_at
 from testfield.evaluate.regress.check import GROWTH
 from testfield.evaluate.regress.suite import ARITHMETIC, BUDGET, DRAWS, ERROR_RATE, Better, Figure
@@ -17,6 +17,12 @@ from testfield.evaluate.regress.verdict import FAILING, Finding, Verdict, judged
 Metrics = Mapping[str, float | Sequence[float]]
 PERCENT = 5.0
 """What matters, in percent, of a figure of which nobody says."""
+
+
+def name_of(nodeid: str) -> str:
+    """What a test is called among those of its folder: pytest's name of it without the folders before its file."""
+    file, colons, rest = nodeid.partition("::")
+    return f"{file.rpartition('/')[2]}{colons}{rest}"
 
 
 class Regressed(AssertionError):
@@ -54,8 +60,10 @@ class FieldRegression:
         baseline's mean), `better` "less", "more" or "same" (absent: less).
 
         Raises `Regressed`, an `AssertionError`, for what is worse, missing, no number, or not decided; without a
-        baseline it stores a candidate beside it and raises too. Raises `TestfieldError` where the baseline is none.
+        baseline it stores a candidate beside it and raises too. Raises `TestfieldError` where the baseline is none, or
+        `matters` or `better` name a figure that there is not.
         """
+        self._check_words(better or {})
         if self.record:
             self._save(_drawn(metrics, budget), self.path)
             return
@@ -71,10 +79,24 @@ class FieldRegression:
                 f"this is the baseline of '{baseline.suite}', not of '{self.test}'", f"{self.path}, suite"
             )
         findings = _findings(baseline, metrics, matters or {}, better or {}, draws, budget, error_rate, self._made())
+        self._check_names({*(matters or {}), *(better or {})}, [one.figure.key for one in findings])
         bad = [one for one in findings if one.verdict in (*FAILING, Verdict.UNKNOWN)]
         if bad:
             lines = [f"{one.verdict.value}: {one.figure.key}: {said_of(one)}" for one in bad]
             raise Regressed("\n".join([*lines, f"baseline: {self.path}; --field-record writes it anew"]))
+
+    def _check_words(self, better: Mapping[str, str]) -> None:
+        known = [one.value for one in Better]
+        for name, word in better.items():
+            if word not in known:
+                raise TestfieldError(f"value '{word}'", f"{self.test}, better, {name}", nearest(word, known))
+
+    def _check_names(self, named: set[str], known: Sequence[str]) -> None:
+        """Raise where something is said of a figure that is not here: a misspelt limit would be none."""
+        for name in sorted(named - set(known)):
+            raise TestfieldError(
+                f"no figure is called '{name}'", f"{self.test}, matters or better", nearest(name, known)
+            )
 
     def _made(self) -> dict:
         return made_at(self.folder.parent)

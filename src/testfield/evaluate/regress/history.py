@@ -25,15 +25,15 @@ APPLICATION = 0x74666C64
 WAIT_S = 10.0
 """How long another process that writes is waited for."""
 SCHEMA = f"""
-CREATE TABLE checks (
+CREATE TABLE IF NOT EXISTS checks (
     id INTEGER PRIMARY KEY, made TEXT NOT NULL, suite TEXT NOT NULL, commit_id TEXT NOT NULL, processor TEXT NOT NULL,
     target TEXT NOT NULL, versions TEXT NOT NULL, status INTEGER NOT NULL
 );
-CREATE TABLE figures (
+CREATE TABLE IF NOT EXISTS figures (
     check_id INTEGER NOT NULL REFERENCES checks(id), scene TEXT NOT NULL, recipe TEXT NOT NULL, figure TEXT NOT NULL,
     value REAL, base REAL, low REAL, high REAL, draws INTEGER NOT NULL, verdict TEXT NOT NULL
 );
-CREATE INDEX of_check ON figures(check_id);
+CREATE INDEX IF NOT EXISTS of_check ON figures(check_id);
 PRAGMA application_id = {APPLICATION};
 PRAGMA user_version = {VERSION};
 """
@@ -114,6 +114,7 @@ def _opened(path: Path, create: bool = False) -> Iterator[sqlite3.Connection]:
 
 def _begin(db: sqlite3.Connection, path: Path) -> None:
     if not db.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
+        # Another process may make them first, while this one waits for its turn.
         db.executescript(f"BEGIN IMMEDIATE; {SCHEMA} COMMIT;")
     application, version = (db.execute(f"PRAGMA {what}").fetchone()[0] for what in ("application_id", "user_version"))
     if application != APPLICATION:

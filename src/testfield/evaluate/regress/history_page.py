@@ -36,7 +36,7 @@ def write_history(database: Path, out: Path) -> Path:
         for name, own in rows.groupby(["scene", "recipe", "figure"], sort=False):
             own, place = own.reset_index(drop=True), f"s{s}f{len(panels)}"
             at = change_points(own.value.to_numpy(float))
-            changes += [_change(name, own, k) for k in at]
+            changes += [_change(name, own, *three) for three in zip([0, *at], at, [*at[1:], len(own)], strict=False)]
             panels.append((len(at), " / ".join(name), place))
             models[place] = _plot(own, at)
         panels.sort(key=lambda panel: -panel[0])
@@ -70,10 +70,11 @@ def _commit(commit: str) -> str:
     return (commit[:SHORT] + ("+" if commit.endswith("+") else "")) if commit else "no commit"
 
 
-def _change(name: tuple[str, str, str], own: pd.DataFrame, k: int) -> dict[str, Any]:
-    """A row of the table: figure, where another level begins, and the means on both sides up to the next change."""
+def _change(name: tuple[str, str, str], own: pd.DataFrame, last: int, k: int, following: int) -> dict[str, Any]:
+    """A row of the table: figure, where another level begins (k), and the means on both sides, from the `last` change
+    before and up to the `following` one."""
     values = own.value.to_numpy(float)
-    before, after = float(np.nanmean(values[max(0, k - 5) : k])), float(np.nanmean(values[k : k + 5]))
+    before, after = float(np.nanmean(values[last:k])), float(np.nanmean(values[k:following]))
     row = own.iloc[k]
     return {
         "scene": name[0],

@@ -1,5 +1,6 @@
 """A check in words: a table for the terminal, JUnit's XML for CI, a Markdown summary for a pull request."""
 
+import re
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,6 +16,8 @@ from testfield.store.text import write_text
 
 JUNIT = {verdict: "failure" for verdict in FAILING} | {Verdict.UNKNOWN: "error", Verdict.OTHER_MACHINE: "skipped"}
 """What JUnit calls a test with a verdict; none of the others."""
+NOT_IN_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+"""What XML 1.0 cannot hold, as the colours of a program's last words."""
 PICTURED = 3
 MOST_ROWS = 40
 """Rows of the summary's table; a pull request is read, not searched."""
@@ -66,7 +69,7 @@ def write_junit(findings: Sequence[Finding], suite: str, path: Path) -> None:
                 group, "testcase", classname=f"{suite}.{scene}.{recipe}", name=one.figure.key, time="0"
             )
             kind = JUNIT.get(one.verdict)
-            told = f"{one.verdict.value}: {said_of(one)}"
+            told = NOT_IN_XML.sub("?", f"{one.verdict.value}: {said_of(one)}")
             if kind is None:
                 ElementTree.SubElement(test, "system-out").text = told
             else:

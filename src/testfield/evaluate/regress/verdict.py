@@ -1,8 +1,9 @@
 """What a check says of one figure, from the differences under common noise.
 
 Both errors are bounded while looking: a figure that did not change is called worse or improved, and one that changed by
-what matters or more passes, each with the error rate at most, however many looks there are. Between nothing and what
-matters either word is right.
+what matters or more passes, each with the error rate at most, however many looks there are, where differences are near
+normal. Between nothing and what matters either word is right. Draws that are the same to the last digit pass: a change
+that shows in few draws is seen only if one of them was looked at (METHODS section 9.5).
 """
 
 from dataclasses import dataclass
