@@ -1096,6 +1096,42 @@ COMPARING = [
     Defect("a factor that no scene has is let pass", "setups_of", "len(absent) == len(bases)", "False", FACTOR),
     Defect("strata are averaged like sums", "mean_of_strata", "n**2", "n", STRATA),
 ]
+STATED = "tests/test_plan.py::test_predicted_uncertainties_are_those_that_the_measurement_states"
+FRAME = "tests/test_plan.py::test_another_board_as_datum_gives_what_its_frame_was_predicted_to_give"
+LIT = "tests/test_plan.py::test_the_light_of_a_mark_is_what_a_lamp_and_an_open_sky_throw_on_it"
+APART = "tests/test_plan.py::test_boards_that_no_image_joins_are_named_with_their_stations"
+BEST = "tests/test_plan_design.py::test_the_first_proposed_station_is_the_best_of_all"
+CLEAR = "tests/test_plan_design.py::test_candidates_see_boards_and_keep_clear_of_everything"
+OFTEN = "tests/test_plan_design.py::test_more_exposures_lower_the_figure_down_to_what_certificates_leave"
+PLANNING = [
+    Defect(
+        "points are weighed as if the camera were known",
+        "by_all",
+        "own[some] = gain @ np.swapaxes(gain, 1, 2)",
+        "own[some] = normal",
+        STATED,
+    ),
+    Defect(
+        "a board's turn moves points the wrong way",
+        "rms_in_board",
+        "follows[:, :, index[:3]] += cross_matrix(offset)",
+        "follows[:, :, index[:3]] -= cross_matrix(offset)",
+        FRAME,
+    ),
+    Defect(
+        "half of each lamp is dark", "lamp_light", "lamp.radiance * wx * wy / 16", "lamp.radiance * wx * wy / 32", LIT
+    ),
+    Defect("groups apart are let pass", "_groups", "len(joined) > 1", "len(joined) > 9", APART),
+    Defect("the worst candidate is proposed", "_best", "int(np.argmin(scores))", "int(np.argmax(scores))", BEST),
+    Defect(
+        "candidates stand within things",
+        "candidates_of",
+        "_looking(job, at[free], look[free])",
+        "_looking(job, at, look)",
+        CLEAR,
+    ),
+    Defect("two exposures are worth four", "by_exposures", "n**-0.5", "n**-1.0", OFTEN),
+]
 DEFECTS = [
     *COMPARING,
     *RENDERING,
@@ -1110,4 +1146,5 @@ DEFECTS = [
     *STATISTICS,
     *BENCH,
     *PHYSICS,
+    *PLANNING,
 ]
