@@ -25,6 +25,7 @@ from testfield.scene.schema import SceneFile
 from testfield.scene.truth import see
 from testfield.score.align import aligned_covariance, rigid_basis
 from testfield.seeds import normals
+from testfield.simulate.expected import _of_discs, _of_moved_discs
 
 SCENES = Path(__file__).parents[1] / "scenes"
 
@@ -189,3 +190,12 @@ def test_stations_all_around_know_a_point_as_the_formula_of_fraser_says() -> Non
     predicted = np.sqrt(3 / (2 * n)) * distance_mm / focal_px * sigma_px
     for kind in (by_pixels, by_all):
         assert np.sqrt(np.diag(kind(rays, known).blocks()[0])) == pytest.approx([predicted] * 3, rel=0.02)
+
+
+def test_a_dot_that_moves_is_known_worse_along_its_way_and_one_at_rest_as_before() -> None:
+    spread, snr, edge = np.tile(6.0 * np.eye(2), (2, 1, 1)), np.full(2, 50.0), np.full(2, 0.7)
+    still = _of_discs(spread, snr, edge)
+    moved = _of_moved_discs(spread, snr, edge, np.array([[0.0, 0.0], [3.0, 0.0]]))
+    assert moved[0] == pytest.approx(still[0], rel=1e-9)
+    assert moved[1, 0, 0] > 1.1 * moved[1, 1, 1]
+    assert moved[1, 1, 1] > still[1, 1, 1]

@@ -15,7 +15,7 @@ from scipy.stats import norm
 from testfield.camera.circle import plane_axes
 from testfield.camera.optics import blur_circle_px
 from testfield.camera.pose import Poses
-from testfield.camera.project import camera_jacobian, project_camera
+from testfield.camera.project import camera_jacobian, project, project_camera
 from testfield.detect.corner_model import HALF_PX
 from testfield.scene.exposure import sensor_of
 from testfield.scene.schema import SceneFile
@@ -32,6 +32,7 @@ STRIPS = 24
 LARGEST_BLUR = 0.5
 """Blur circles wider than this part of a dot leave nothing to be found."""
 CHUNK = 20_000
+RIM_OF_MOVED = 48
 EDGE_NODES = 7
 CODED = 0.92
 """A coded dot's light is fitted with it and its ring, up to cubic terms; its centre is then worth this part of the
@@ -139,10 +140,26 @@ class Expecting:
         # A blur circle of diameter c has the variance c^2 / 16 along each axis.
         edge = np.sqrt(world.psf_sigma_px**2 + 1 / 12 + blur**2 / 16 + (0.5 * world.optics.airy_px) ** 2)
         corner = self.corner[mark]
-        cov = _of_discs(spread, snr, edge)
+        if world.motion.moves:
+            cov = _of_moved_discs(spread, snr, edge, self._streaks(pose, mark))
+        else:
+            cov = _of_discs(spread, snr, edge)
         cov[corner] = _of_corners(spread[corner], snr[corner], edge[corner])
         oblique = np.degrees(np.arccos(np.clip(cosine[mark], -1, 1)))
         return Expected(np.full(len(mark), station), mark, uv, cov, diameter, oblique)
+
+    def _streaks(self, pose: Poses, mark: np.ndarray) -> np.ndarray:
+        """(k, 2) px by which the images of marks (k,) move from the first to the last moment of the exposure."""
+        world, rest = self.world, pose[np.zeros(len(mark), int)]
+        ends = [
+            project(
+                world.interior,
+                world.motion.camera_from_rest(rest, np.full(len(mark), side * world.motion.exposure_s / 2)),
+                self.centre_mm[mark],
+            )
+            for side in (-1, 1)
+        ]
+        return np.nan_to_num(ends[1] - ends[0])
 
     def _hidden(self, eye: np.ndarray, mark: np.ndarray) -> np.ndarray:
         """(k,) whether anything stands before the middle or the rim of the print of marks (k,)."""
@@ -185,6 +202,19 @@ def _of_discs(spread: np.ndarray, snr: np.ndarray, edge_px: np.ndarray) -> np.nd
     moments = spread @ np.swapaxes(spread, 1, 2) / 4
     parts = [slice(k, k + CHUNK) for k in range(0, len(snr), CHUNK)]
     return np.concatenate([bound_px2(moments[p], snr[p], edge_px[p]) for p in parts] or [np.zeros((0, 2, 2))])
+
+
+def _of_moved_discs(spread: np.ndarray, snr: np.ndarray, edge_px: np.ndarray, streak_px: np.ndarray) -> np.ndarray:
+    """(n, 2, 2) bound of discs that move by `streak_px` (n, 2) while they are exposed: an edge is as wide as the blur
+    and the part of the streak across it, whose variance is a twelfth of its square, are together."""
+    angle = 2 * np.pi * np.arange(RIM_OF_MOVED) / RIM_OF_MOVED
+    tangent = np.einsum("nik,kj->nij", spread, np.array([-np.sin(angle), np.cos(angle)]))
+    normal = np.stack([tangent[:, 1], -tangent[:, 0]], axis=1)  # times the element of the rim
+    length = np.linalg.norm(normal, axis=1)
+    across = np.einsum("ni,nij->nj", streak_px, normal) / length
+    width = np.sqrt(edge_px[:, None] ** 2 + across**2 / 12)
+    around = np.einsum("nik,nk,njk->nij", normal, 1 / (length * width), normal) * 2 * np.pi / RIM_OF_MOVED
+    return np.linalg.inv(around) * (2 * np.sqrt(np.pi) / snr**2)[:, None, None]
 
 
 def _of_corners(spread: np.ndarray, snr: np.ndarray, edge_px: np.ndarray) -> np.ndarray:
