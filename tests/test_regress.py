@@ -85,9 +85,9 @@ def recorded(suite: Path) -> Path:
     return suite.with_name("own.baseline.json")
 
 
-def verdicts(suite: Path, offset: int = 0) -> dict[str, Verdict]:
+def verdicts(suite: Path) -> dict[str, Verdict]:
     baseline = Baseline.load(suite.with_name("own.baseline.json"))
-    found = check.checked(Suite.load(suite), baseline, suite.parent / "out", offset=offset).findings
+    found = check.checked(Suite.load(suite), baseline, suite.parent / "out").findings
     return {one.figure.key: one.verdict for one in found}
 
 

@@ -18,7 +18,16 @@ from testfield.evaluate.measured import frames_of
 from testfield.evaluate.regress.baseline import Baseline
 from testfield.evaluate.regress.cases import setups_of
 from testfield.evaluate.regress.check import Checked
-from testfield.evaluate.regress.selftest import CODES, PLANTED, _loaded, defects, outcome, suite, whole_chain
+from testfield.evaluate.regress.selftest import (
+    CODES,
+    PLANTED,
+    _loaded,
+    defects,
+    outcome,
+    suite,
+    under_other_noise,
+    whole_chain,
+)
 from testfield.evaluate.regress.suite import Figure, Suite, baseline_path
 from testfield.evaluate.regress.verdict import judged
 from testfield.measure.pipeline import calibrate, reconstruct
@@ -101,6 +110,17 @@ def test_a_row_of_the_table_says_what_was_found_first() -> None:
     assert outcome("it", False, calm).as_it_should
     better = Checked([one("less", 0.2)], pd.DataFrame(), (8,))
     assert not outcome("it", False, better).as_it_should
+
+
+def test_blocks_of_recorded_draws_are_checks_of_unchanged_code_and_a_level_that_moved_is_seen_among_them() -> None:
+    rng = np.random.default_rng(4)
+    own = Suite("own", Path("own.toml"), (), (Figure("x", 0.5),), draws=8)
+    calm = {("a", "r", "failed"): np.zeros(64), ("a", "r", "x"): rng.standard_normal(64)}
+    outcomes = list(under_other_noise(own, Baseline("own", 64, {}, calm, {}), 20))
+    assert len(outcomes) == 20 and all(one.as_it_should for one in outcomes)
+    moved = {**calm, ("a", "r", "x"): calm["a", "r", "x"] + 20 * (np.arange(64) >= 56)}
+    found = [one.found for one in under_other_noise(own, Baseline("own", 64, {}, moved, {}), 28)]
+    assert sum(found) == 7
 
 
 @pytest.mark.parametrize("name", OWN)

@@ -53,16 +53,15 @@ def setups_of(suite: Suite) -> list[Setup]:
     return found
 
 
-def cases_of(setups: Iterable[Setup], draws: Iterable[int], suite: Suite, role: str, offset: int = 0) -> list[Case]:
-    """Each setup under each draw; `role` keeps a check's rows apart from those of the baseline it is held against,
-    `offset` is added to the numbers of the noise."""
+def cases_of(setups: Iterable[Setup], draws: Iterable[int], suite: Suite, role: str) -> list[Case]:
+    """Each setup under each draw; `role` keeps a check's rows apart from those of the baseline it is held against."""
     draws = list(draws)
     return [
         replace(
             setup.base,
             labels={"scene": setup.title, "recipe": setup.recipe_name, "draw": draw, "role": role},
             options={"until": suite.until.value},
-            noise_seed=draw + offset,
+            noise_seed=draw,
             recipe=setup.recipe,
             work=WORK,
         )

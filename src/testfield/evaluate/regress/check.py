@@ -67,11 +67,9 @@ def checked(
     folder: Path,
     jobs: int = 1,
     pool: Pool | None = None,
-    offset: int = 0,
     title: str = "check",
 ) -> Checked:
-    """Every figure of a suite held against its baseline; `offset` takes other noise than the baseline's, which costs
-    the common noise and nothing else."""
+    """Every figure of a suite held against its baseline, under the same noise."""
     setups, here = setups_of(suite), made_here(suite)
     same = all(baseline.made.get(key) == here[key] for key in ("processor", "target"))
     error_rate = suite.error_rate / max(1, sum(len(suite.figures_of(setup.title)) for setup in setups))
@@ -83,7 +81,7 @@ def checked(
     while left:
         looks.append(n)
         draws = range(1, n + 1)
-        rows = execute(cases_of(left, draws, suite, "check", offset), folder, jobs, f"{title}, {n} draws", pool=pool)
+        rows = execute(cases_of(left, draws, suite, "check"), folder, jobs, f"{title}, {n} draws", pool=pool)
         for setup in left:
             kept[setup.name] = own = rows[(rows.scene == setup.title) & (rows.recipe == setup.recipe_name)]
             for figure in suite.figures_of(setup.title):
