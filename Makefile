@@ -18,6 +18,7 @@ torture: setup
 # The project's own figures against their committed baselines; `make test` runs the quick part.
 regress: setup
 	OMP_NUM_THREADS=1 .venv/bin/testfield regress check scenes/regress/quick.toml
+	OMP_NUM_THREADS=1 .venv/bin/testfield regress check scenes/regress/all.toml
 
 # Defects that were planted by hand: each must turn the test red that it names (tests/mutants/README.md).
 mutants: setup

@@ -34,7 +34,7 @@ from testfield.measure.pipeline import calibrate, reconstruct
 from testfield.measure.recipe import SMALLEST_DIAMETER_PX, Recipe
 from testfield.registry import _name_of, find, load_file
 
-OWN = ("quick",)
+OWN = ("quick", "all")
 
 
 @pytest.fixture(autouse=True)
