@@ -42,8 +42,9 @@ MAY_IMPORT: dict[str, tuple[str, ...]] = {
     # Both.
     "score": (*GROUND, *TYPES, "statistics", *MEASURING, "scene"),
     "plan": (*GROUND, *TYPES, "statistics", "detect", "adjust", "calibrate", "scene", "simulate", "score"),
-    "author": (*GROUND, *TYPES, "scene"),
-    "report": (*GROUND, *TYPES, "statistics", *MEASURING, "scene", "score", "simulate", "plan"),
+    # What is authored is seen with what is predicted of it, and a finished run with what came of it.
+    "author": (*GROUND, *TYPES, "calibrate", "reconstruct", "scene", "score", "plan"),
+    "report": (*GROUND, *TYPES, "statistics", *MEASURING, "scene", "score", "simulate", "plan", "author"),
     "chain": (*RESULTS, "report"),
     "evaluate": (*RESULTS, "report", "chain"),
     "certify": (*RESULTS, "evaluate"),

@@ -28,6 +28,7 @@ MODULES = (
     "study",
     "validate",
     "preview",
+    "view",
     "print",
     "plan",
     "certify",
@@ -41,7 +42,7 @@ MODULES = (
 """Modules of this package, each of which enters one command or more."""
 
 GROUPS = {
-    "scenes": ("validate", "preview", "plan", "run", "print"),
+    "scenes": ("validate", "preview", "view", "plan", "run", "print"),
     "what a run holds": ("accept", "uncertainty"),
     "one stage of a run": ("render", "expose", "detect", "calibrate", "reconstruct", "score", "report"),
     "photographs": ("measure", "codes"),

@@ -238,24 +238,27 @@ def _other_weights(rays: Rays, shared: np.ndarray, points: PointCovariance) -> s
 
 
 def widest_angles(plan: Planned, numbers: np.ndarray) -> np.ndarray:
-    """(k,) largest angle in degrees between two rays of each point, to a few degrees: rays are compared with the one
-    that is farthest from their mean."""
+    """(k,) largest angle in degrees between two rays of each point, as `widest_deg` has it."""
     network = plan.network
-    origin = network.camera_from_datum().origin_mm
-    ray = origin[network.image] - network.datum_mm()[network.point]
-    ray /= np.linalg.norm(ray, axis=1, keepdims=True)
-    n = len(network.point_mm)
-    mean = np.column_stack([np.bincount(network.point, ray[:, k], n) for k in range(3)])
+    ray = network.camera_from_datum().origin_mm[network.image] - network.datum_mm()[network.point]
+    return widest_deg(ray, network.point, len(network.point_mm))[numbers]
+
+
+def widest_deg(ray: np.ndarray, point: np.ndarray, count: int) -> np.ndarray:
+    """(count,) largest angle in degrees between two of the rays (m, 3) of each point (m,), 0 without two: to a few
+    degrees, for rays are compared with the one that is farthest from their mean."""
+    ray = ray / np.linalg.norm(ray, axis=1, keepdims=True)
+    mean = np.column_stack([np.bincount(point, ray[:, k], count) for k in range(3)])
     mean = mean / np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-12)
     for _ in range(2):
-        cosine = np.einsum("mi,mi->m", ray, mean[network.point])
-        order = np.lexsort((cosine, network.point))
-        first = order[np.unique(network.point[order], return_index=True)[1]]
-        least = np.ones(n)
-        least[network.point[first]] = cosine[first]
+        cosine = np.einsum("mi,mi->m", ray, mean[point])
+        order = np.lexsort((cosine, point))
+        first = order[np.unique(point[order], return_index=True)[1]]
+        least = np.ones(count)
+        least[point[first]] = cosine[first]
         mean = mean.copy()
-        mean[network.point[first]] = ray[first]
-    return np.degrees(np.arccos(np.clip(least, -1, 1)))[numbers]
+        mean[point[first]] = ray[first]
+    return np.asarray(np.degrees(np.arccos(np.clip(least, -1, 1))))
 
 
 def detectable(u: float, redundancy: float = 1.0) -> float | None:
