@@ -9,7 +9,7 @@ from testfield.camera.interior import Interior
 from testfield.camera.project import camera_jacobian, project_camera
 from testfield.plan.job import Job
 
-MOST_ROWS = 250_000
+MOST_ROWS = 320_000
 """Marks drawn in all images together; each takes about 8 bytes of a page of 5 MB."""
 RIM = 6
 """Points along each side of a board's outline, which a lens bends."""
@@ -44,7 +44,7 @@ def drawings_of(job: Job, interiors: tuple[Interior, ...]) -> tuple[Drawings, li
     drawn = np.arange(0, len(order), step)
     if step > 1:
         notes.append(
-            f"the stations' drawings show every {step}th of {len(order):,} observations; counts and colours hold all"
+            f"the stations' drawings show one in {step} of {len(order):,} observations; counts and colours hold all"
         )
     axes, angle = _ellipses(job, interiors, station[drawn], mark[drawn])
     board = world.marks.board[mark]

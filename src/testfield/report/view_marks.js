@@ -31,7 +31,7 @@ function markers(positions, size, square) {
 const places = (marks) => Array.from(marks).flatMap((k) => [num.mark_mm[3 * k], num.mark_mm[3 * k + 1], num.mark_mm[3 * k + 2]]);
 const targets = markers(places(num.target), count.targets > 1500 ? 5 : 9, false);
 const dots = markers(places(onBoards), 5, false);
-const cameras = markers(num.eye_mm, 11, true);
+const cameras = markers(num.eye_mm, count.stations > 40 ? 8 : 11, true);
 groups.dots = [dots];
 groups.cameras = [cameras];
 
@@ -67,17 +67,18 @@ function colourOf(mark) {
   if (mode.kinds) return new THREE.Color(mode.kinds[value]);
   return scale && Number.isFinite(value) ? scale.colour(value) : new THREE.Color(NONE);
 }
+// What the chosen station does not see is faint.
+let lit = null, faint = new THREE.Color();
+const shown = (mark) => mark === state.mark ? LIT : lit && !lit.has(mark) ? faint : colourOf(mark);
 function paint() {
   scale = MODES[state.mode].kinds ? null : scaleOf(MODES[state.mode]);
-  const lit = state.station >= 0 ? new Set(seenBy(state.station)) : null, quiet = new THREE.Color(NONE);
+  lit = state.station >= 0 ? new Set(seenBy(state.station)) : null;
+  faint.set(isDark() ? "#3a444b" : "#dcdcdc");
   const dark = isDark();
   for (const [points, marks] of [[targets, num.target], [dots, onBoards]]) {
     const colours = points.geometry.attributes.color;
     Array.from(marks).forEach((mark, k) => {
-      let colour = colourOf(mark);
-      if (lit && !lit.has(mark)) colour = quiet.clone().lerp(new THREE.Color(dark ? "#161e24" : "#ffffff"), 0.6);
-      else if (lit && points === dots) colour = LIT;
-      if (mark === state.mark) colour = LIT;
+      const colour = lit && lit.has(mark) && points === dots ? LIT : shown(mark);
       colours.setXYZ(k, colour.r, colour.g, colour.b);
     });
     colours.needsUpdate = true;
@@ -102,9 +103,11 @@ groups.ellipsoids = [bodies, crosses];
 groups.errors = [errors];
 scene.add(bodies, crosses, errors);
 const longest = Array.from(u.keys()).map((k) => uncertainty(num.axes_mm, k).along[2]).filter(Number.isFinite).sort((a, b) => a - b);
-// A magnification of 1, 2 or 5 and noughts, so that the usual ellipsoid is a twelfth of the field's radius; steps go on from it.
+// A magnification of 1, 2 or 5 and noughts, so that the usual ellipsoid is a twelfth of the field's radius, less where
+// targets are so many that ellipsoids would touch; steps go on from it.
+const usual = Math.min(0.08, 0.6 / Math.sqrt(Math.max(1, longest.length))) * radius;
 const NICE = (step) => [1, 2, 5][((step % 3) + 3) % 3] * 10 ** Math.floor(step / 3);
-state.base = longest.length ? Math.floor(3 * Math.log10(0.08 * radius / Math.max(longest[longest.length >> 1], 1e-12))) - 12 : 0;
+state.base = longest.length ? Math.floor(3 * Math.log10(usual / Math.max(longest[longest.length >> 1], 1e-12))) - 12 : 0;
 const factor = () => NICE(state.base + state.enlarge);
 
 function ellipsoids() {
@@ -120,7 +123,7 @@ function ellipsoids() {
     // Right-handed, for a mirrored body shows its inside.
     const det = a[0] * (a[4] * a[8] - a[5] * a[7]) - a[1] * (a[3] * a[8] - a[5] * a[6]) + a[2] * (a[3] * a[7] - a[4] * a[6]), s = det < 0 ? -f : f;
     bodies.setMatrixAt(i, matrix.set(s * a[0], f * a[1], f * a[2], x, s * a[3], f * a[4], f * a[5], y, s * a[6], f * a[7], f * a[8], z, 0, 0, 0, 1));
-    bodies.setColorAt(i, colours.copy(num.target[k] === state.mark ? LIT : colourOf(num.target[k])));
+    bodies.setColorAt(i, colours.copy(shown(num.target[k])));
   });
   bodies.count = bodies.userData.all = drawn.length;
   bodies.instanceMatrix.needsUpdate = true;
@@ -143,13 +146,15 @@ function ellipsoids() {
 
 // Rays of what is chosen, and its whole frustum.
 let chosenLines = null;
+const MOST_RAYS = 80, REACH = 1 / 0.12;
 function rays() {
   if (chosenLines) { scene.remove(chosenLines); chosenLines.geometry.dispose(); chosenLines.material.dispose(); chosenLines = null; }
   const ends = [];
   const ray = (s, mark) => ends.push(...eyes[s].toArray(), ...three(num.mark_mm, mark).toArray());
   if (state.station >= 0) {
-    seenBy(state.station).forEach((mark) => { if (isTarget[mark] >= 0) ray(state.station, mark); });
-    ends.push(...frustumOf(state.station, 4));
+    const own = Array.from(seenBy(state.station)).filter((mark) => isTarget[mark] >= 0), step = Math.ceil(own.length / MOST_RAYS);
+    own.forEach((mark, k) => { if (k % step === 0) ray(state.station, mark); });
+    ends.push(...frustumOf(state.station, REACH));
   } else if (state.mark >= 0) seeing(state.mark).forEach((s) => ray(s, state.mark));
   if (!ends.length) return;
   chosenLines = lines(ends, { color: LIT, transparent: true, opacity: state.station >= 0 ? 0.45 : 0.8 });

@@ -117,6 +117,7 @@ function draw(canvas, s, wide, named) {
 const all = [...about.notes];
 if (longest.length > BODIES) all.push(`ellipsoids are bodies for the ${BODIES.toLocaleString("en")} targets nearest to the eye, and their three axes for all ${longest.length.toLocaleString("en")}`);
 if (count.targets > 0) all.push("while the picture moves it may be coarser, with fewer ellipsoids, so that it keeps up");
+if (count.targets > MOST_RAYS) all.push(`of a station's rays ${MOST_RAYS} or fewer are drawn; all that it sees stays bright`);
 if (about.times > 1) all.push(`targets that move stand in all ${about.times} places`);
 if (about.run) {
   const good = Array.from(size).map((e, k) => [e, u[k]]).filter(([e, p]) => Number.isFinite(e) && Number.isFinite(p)), rms = (i) => Math.sqrt(good.reduce((sum, row) => sum + row[i] ** 2, 0) / good.length);

@@ -192,7 +192,7 @@ const frustumOf = (k, stretch = 1) => {
   ends.forEach((end, c) => found.push(...eye.toArray(), ...end.toArray(), ...end.toArray(), ...ends[(c + 1) % 4].toArray()));
   return found;
 };
-groups.frusta = [lines(eyes.flatMap((_, k) => frustumOf(k)), { color: 0x888888 })];
+groups.frusta = [lines(eyes.flatMap((_, k) => frustumOf(k)), { color: 0x888888, transparent: true, opacity: count.stations > 40 ? 0.45 : 0.9 })];
 groups.axes = [lines(eyes.flatMap((eye, k) => [...eye.toArray(), ...three(num.axis, k).multiplyScalar(num.reach_mm[k]).add(eye).toArray()]), { color: 0x888888, transparent: true, opacity: 0.35 })];
 groups.bars = [lines(about.bars.flatMap((bar) => bar.ends.flatMap((k) => three(num.mark_mm, num.target[k]).toArray())), { color: 0xc4502a })];
 for (const group of Object.values(groups)) for (const one of group) scene.add(one);
