@@ -1,6 +1,6 @@
 // Choosing, the section, the loop that draws when something has changed, and what tests may ask.
 const section = new THREE.Plane(new THREE.Vector3(1, 0, 0), 0);
-let wanted = true, moved = 0, last = 0, coarse = 1;
+let wanted = true, moved = 0, last = 0, level = 0;
 const again = () => { wanted = true; };
 
 function choose(kind, k) {
@@ -102,11 +102,20 @@ byId("theme").addEventListener("click", () => theme(isDark() ? "light" : "dark")
 const system = matchMedia("(prefers-color-scheme: dark)");
 system.addEventListener("change", () => theme(system.matches ? "dark" : "light"));
 
-// Drawn when something has changed. A picture that moves slower than 30 frames a second is made coarser until it rests.
-const SLOW_MS = 34, REST_MS = 250, COARSEST = 0.5;
+// Drawn when something has changed. A picture that moves slower than 30 frames a second is made coarser, level by level,
+// until it rests: `pixels` a side of each pixel, `bodies` the most ellipsoids, `lines` whether axes and frusta are drawn.
+const SLOW_MS = 34, REST_MS = 250, SLOW_FRAMES = 2;
+const LEVELS = [{ pixels: 1, bodies: BODIES, lines: true }, { pixels: 1, bodies: 200, lines: true }, { pixels: 0.75, bodies: 80, lines: false }, { pixels: 0.6, bodies: 0, lines: false }, { pixels: 0.4, bodies: 0, lines: false }];
+function setLevel(k) {
+  const before = LEVELS[level].pixels, now = LEVELS[k];
+  level = k;
+  bodies.count = Math.min(bodies.userData.all, now.bodies);
+  for (const one of [crosses, groups.frusta[0], groups.axes[0]]) one.material.visible = now.lines;
+  if (before !== now.pixels) fit();
+}
 function fit() {
   const [w, h] = [canvas.parentElement.clientWidth, canvas.parentElement.clientHeight];
-  renderer.setPixelRatio(Math.min(devicePixelRatio, 2) * coarse);
+  renderer.setPixelRatio(Math.min(devicePixelRatio, software ? 1 : 2) * LEVELS[level].pixels);
   renderer.setSize(w, h, false);
   camera.aspect = w / Math.max(1, h);
   camera.updateProjectionMatrix();
@@ -114,20 +123,18 @@ function fit() {
 }
 new ResizeObserver(fit).observe(canvas.parentElement);
 controls.addEventListener("change", () => { moved = performance.now(); again(); });
-let slow = 0;
+let slow = 0, held = [0, LEVELS.length - 1];
 function frame(now) {
   requestAnimationFrame(frame);
   const moving = now - moved < REST_MS, took = now - last;
   last = now;
   if (moving && wanted) {
     slow = took > SLOW_MS ? slow + 1 : Math.max(0, slow - 1);
-    if (slow > 3 && coarse > COARSEST) { coarse = Math.max(COARSEST, coarse * 0.8); slow = 0; fit(); }
-    if (slow > 3 && bodies.count > BODIES_MOVING) bodies.count = BODIES_MOVING;
-  } else if (!moving && moved) {
+    if (slow > SLOW_FRAMES && level < held[1]) { setLevel(level + 1); slow = 0; }
+  } else if (!moving && moved && !held[0]) {
     moved = slow = 0;
-    if (coarse < 1) { coarse = 1; fit(); }
     if (longest.length > BODIES) ellipsoids();
-    bodies.count = bodies.userData.all;
+    setLevel(0);
     again();
   }
   if (!wanted) return;
@@ -144,16 +151,19 @@ window.view = {
   // Where a mark or a station is on the canvas, in CSS pixels.
   screenOf: (kind, k) => screenOf(kind === "station" ? eyes[k] : three(num.mark_mm, k)),
   markOf: (target) => num.target[target],
-  // Turns the scene once by so many frames, each of them finished; the middle time of a frame in ms, and what it left out.
-  spin: (frames) => new Promise((done) => {
+  // Turns the scene once by so many frames, each of them finished; the middle time of a frame in ms, and what it left out. It is made coarser
+  // as for a person, but not below `least` nor above `most` of the levels.
+  spin: (frames, least = 0, most = LEVELS.length - 1) => new Promise((done) => {
     const times = [], away = camera.position.clone().sub(middle), gl = renderer.getContext(), pixel = new Uint8Array(4);
     let before = performance.now(), k = 0;
+    held = [least, most];
+    setLevel(least);
     const step = () => {
       gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, pixel);
       const now = performance.now();
       times.push(now - before);
       before = now;
-      if (k++ === frames) { times.sort((a, b) => a - b); done({ ms: times[times.length >> 1], worst_ms: times[Math.floor(0.95 * times.length)], pixel_ratio: coarse, bodies: bodies.count }); return; }
+      if (k++ === frames) { held = [0, LEVELS.length - 1]; times.sort((a, b) => a - b); done({ ms: times[times.length >> 1], worst_ms: times[Math.floor(0.95 * times.length)], level, pixels: LEVELS[level].pixels, bodies: bodies.count, software }); return; }
       camera.position.copy(away).applyAxisAngle(camera.up, 2 * Math.PI * k / frames).add(middle);
       controls.update();
       requestAnimationFrame(step);

@@ -116,7 +116,7 @@ function draw(canvas, s, wide, named) {
 
 const all = [...about.notes];
 if (longest.length > BODIES) all.push(`ellipsoids are bodies for the ${BODIES.toLocaleString("en")} targets nearest to the eye, and their three axes for all ${longest.length.toLocaleString("en")}`);
-if (count.targets > 0) all.push("while the picture moves it may be coarser, with fewer ellipsoids, so that it keeps up");
+if (count.targets > 0) all.push("while the picture moves slower than 30 frames a second, ellipsoids, frusta and axes are left out and pixels are larger, until it rests");
 if (count.targets > MOST_RAYS) all.push(`of a station's rays ${MOST_RAYS} or fewer are drawn; all that it sees stays bright`);
 if (about.times > 1) all.push(`targets that move stand in all ${about.times} places`);
 if (about.run) {

@@ -1,7 +1,11 @@
 // Renderer, camera, and everything that stands still: panels with their prints, meshes, lamps, stations.
-let renderer;
+let renderer, software = false;
 try {
-  renderer = new THREE.WebGLRenderer({ canvas: byId("canvas"), antialias: true });
+  // Without a graphics card, smooth edges and oblique textures cost more than all the rest.
+  const probe = document.createElement("canvas").getContext("webgl2");
+  software = /swiftshader|llvmpipe|software|basic render/i.test(probe.getParameter(probe.RENDERER) + (probe.getExtension("WEBGL_debug_renderer_info") ? probe.getParameter(0x9246) : ""));
+  probe.getExtension("WEBGL_lose_context")?.loseContext();
+  renderer = new THREE.WebGLRenderer({ canvas: byId("canvas"), antialias: !software });
 } catch (error) {
   byId("fault").hidden = false;
   byId("fault").textContent = "This browser draws no WebGL, so the scene cannot be shown; switch hardware acceleration or software rendering on.";
@@ -93,7 +97,7 @@ function texture(width, height) {
   [canvas.width, canvas.height] = [width, height];
   const made = new THREE.CanvasTexture(canvas);
   made.colorSpace = THREE.SRGBColorSpace;
-  made.anisotropy = 4;
+  made.anisotropy = software ? 1 : 4;
   return [made, canvas.getContext("2d")];
 }
 
