@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from testfield.evaluate.curves import axis_of, curve
-from testfield.evaluate.paired import Word, difference, mean_of_strata
+from testfield.evaluate.paired import Word, difference, mean_over_levels
 from testfield.evaluate.ranks import rank_intervals
 from testfield.evaluate.stated import stated_table
 from testfield.statistics.consistency import nees_band
@@ -68,8 +68,20 @@ def test_levels_of_a_factor_are_no_draws() -> None:
     assert 0.93 <= np.mean(found) <= 0.97
 
 
-def test_strata_of_one_value_say_nothing_of_how_sure() -> None:
-    assert mean_of_strata([np.array([1.0, 2.0]), np.array([4.0])]).freedom == 0
+@pytest.mark.parametrize("lost", [0.0, 0.15])
+def test_noise_that_levels_share_is_not_averaged_away(lost: float) -> None:
+    rng, found = np.random.default_rng(4), []
+    for _ in range(1000):
+        own, common = 0.3 * rng.normal(size=(5, 12)), rng.normal(size=(1, 12))
+        other = own + common + np.arange(5.0)[:, None]
+        other[rng.random(other.shape) < lost] = np.nan
+        low, high = difference([np.zeros((5, 12))], [other], 1e-9).estimate.interval()
+        found.append(low <= 2 <= high)
+    assert 0.93 <= np.mean(found) <= 0.97
+
+
+def test_a_level_of_one_draw_says_nothing_of_how_sure() -> None:
+    assert mean_over_levels(np.array([[1.0, 2.0], [4.0, np.nan]])).freedom == 0
     assert difference([np.array([[1.0, 2.0], [3.0, np.nan]])], [np.ones((2, 2))], 1.0).word is Word.ONE
 
 

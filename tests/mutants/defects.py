@@ -1050,15 +1050,15 @@ KNOWN = "tests/test_compare.py::test_a_truth_that_errs_or_a_broken_one_that_wins
 COUNTED = "tests/test_compare.py::test_failures_are_counted_and_not_dropped"
 CLAIMS = "tests/test_ranks_and_claims.py::test_true_claims_lie_in_the_band_and_small_ones_above"
 RANKS = "tests/test_ranks_and_claims.py::test_rank_intervals_hold_all_true_places_at_once_in_95_of_a_hundred"
-STRATA = "tests/test_ranks_and_claims.py::test_levels_of_a_factor_are_no_draws"
+SHARED = "tests/test_ranks_and_claims.py::test_noise_that_levels_share_is_not_averaged_away"
 WORST = "tests/test_worst.py::test_the_largest_error_of_each_is_found_with_what_others_found_there"
 FACTOR = "tests/test_comparison.py::test_a_wrong_file_is_named_with_its_field_and_value"
 COMPARING = [
     Defect(
         "better and worse are exchanged",
         "difference",
-        "[b - a for a, b in both[0]]",
-        "[a - b for a, b in both[0]]",
+        "other_draws - first_draws",
+        "first_draws - other_draws",
         POWER,
     ),
     Defect(
@@ -1094,7 +1094,13 @@ COMPARING = [
     Defect("a rank is shown as certain", "rank_intervals", "1 + better[name]", "1 + order.index(name)", RANKS),
     Defect("the best case is shown as the worst", "_largest", "int(np.argmax(size))", "int(np.argmin(size))", WORST),
     Defect("a factor that no scene has is let pass", "setups_of", "len(absent) == len(bases)", "False", FACTOR),
-    Defect("strata are averaged like sums", "mean_of_strata", "n**2", "n", STRATA),
+    Defect(
+        "levels are taken for draws of their own",
+        "mean_over_levels",
+        "n / (n - 1) * (of_draws**2).sum()",
+        "n / (n - 1) * (of_draws**2).sum() / len(mean)",
+        SHARED,
+    ),
 ]
 STATED = "tests/test_plan.py::test_predicted_uncertainties_are_those_that_the_measurement_states"
 FRAME = "tests/test_plan.py::test_another_board_as_datum_gives_what_its_frame_was_predicted_to_give"

@@ -1,8 +1,8 @@
 """Two ways of measuring on the same images: what their difference is, how sure, and what may be said of it.
 
 Both met the same frames under the same noise, so what counts are differences, draw by draw. Draws of one scene share
-its geometry, and so do the levels of a factor that it was seen at: over several scenes a scene is one value, and only
-of a single scene are draws the units, level by level.
+its geometry, and so do the levels of a factor that it was seen at, which share each draw's noise too: over several
+scenes a scene is one value, and only of a single scene are draws the units, each with all its levels.
 """
 
 from collections.abc import Sequence
@@ -61,18 +61,20 @@ def difference(first: Sequence[np.ndarray], other: Sequence[np.ndarray], matters
     """The difference of two figures, given scene by scene as arrays (levels, draws) or (draws,), not a number where one
     gave none.
 
-    With one scene the draws are the units, within levels, and the conclusion is of this scene; with more, the scenes.
+    With one scene the draws are the units, each with all levels, and the conclusion is of this scene; with more, the
+    scenes.
     """
-    both = [pair for a, b in zip(first, other, strict=True) if (pair := _levels(a, b))]
+    both = [pair for a, b in zip(first, other, strict=True) if (pair := _levels(a, b)) is not None]
     if not both:
         none = Estimate(np.nan, np.nan, 0)
         return Difference(np.nan, np.nan, none, np.nan, matters, 1.0, 1.0, 0, 0)
-    means = np.array([np.mean([[values.mean() for values in level] for level in scene], axis=0) for scene in both])
+    means = np.array([np.nanmean(scene, axis=2).mean(axis=1) for scene in both])
     if len(both) > 1:
         estimate, *apart = (mean_of_clusters(part) for part in (means[:, 1] - means[:, 0], *means.T))
     else:
-        parts = ([b - a for a, b in both[0]], *zip(*both[0], strict=True))
-        estimate, *apart = (mean_of_strata(part) for part in parts)
+        first_draws, other_draws = both[0]
+        parts = (other_draws - first_draws, first_draws, other_draws)
+        estimate, *apart = (mean_over_levels(part) for part in parts)
     return Difference(
         first=float(means[:, 0].mean()),
         other=float(means[:, 1].mean()),
@@ -81,33 +83,35 @@ def difference(first: Sequence[np.ndarray], other: Sequence[np.ndarray], matters
         matters=matters,
         chance=estimate.chance(0.0),
         chance_equivalent=equivalence(estimate, 0.0, Margin(matters, matters, "named by the user")),
-        draws=sum(len(a) for scene in both for a, _ in scene),
+        draws=sum(int(np.isfinite(scene[0]).sum()) for scene in both),
         scenes=len(both),
     )
 
 
-def mean_of_strata(strata: Sequence[np.ndarray]) -> Estimate:
-    """The mean of the means of strata, each an array (draws,): every stratum counts alike. Its uncertainty comes from
-    the spread within each, its degrees of freedom by Welch and Satterthwaite; of a stratum of one value it is not a
-    number."""
-    value, n = float(np.mean([values.mean() for values in strata])), len(strata)
-    if any(len(values) < 2 for values in strata):
+def mean_over_levels(values: np.ndarray) -> Estimate:
+    """The mean of the means of levels, given as an array (levels, draws), not a number where a draw gave none: every
+    level counts alike.
+
+    A draw's noise is the same at all levels, so they are not independent of each other: the units are draws, each with
+    all its levels (METHODS section 9.2). Of a level of one draw the uncertainty is not a number.
+    """
+    good = np.isfinite(values)
+    count = good.sum(axis=1)
+    mean = np.nanmean(values, axis=1)
+    value, n = float(mean.mean()), int(good.any(axis=0).sum())
+    if count.min() < 2:
         return Estimate(value, np.nan, 0)
-    variance = np.array([values.var(ddof=1) / len(values) for values in strata]) / n**2
-    if not variance.any():
-        return Estimate(value, 0.0, sum(len(values) - 1 for values in strata))
-    freedom = variance.sum() ** 2 / sum(v**2 / (len(values) - 1) for v, values in zip(variance, strata, strict=True))
-    return Estimate(value, float(np.sqrt(variance.sum())), float(freedom))
+    of_draws = np.where(good, (values - mean[:, None]) / count[:, None], 0).mean(axis=0)
+    return Estimate(value, float(np.sqrt(n / (n - 1) * (of_draws**2).sum())), n - 1)
 
 
-def _levels(first: np.ndarray, other: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Of each level the figures of those draws in which both gave one."""
-    found = []
-    for a, b in zip(np.atleast_2d(first), np.atleast_2d(other), strict=True):
-        good = np.isfinite(a) & np.isfinite(b)
-        if good.any():
-            found.append((a[good], b[good]))
-    return found
+def _levels(first: np.ndarray, other: np.ndarray) -> np.ndarray | None:
+    """(2, levels, draws) both figures where both gave one, not numbers elsewhere, of those levels that have any; None
+    where there are none."""
+    both = np.stack([np.atleast_2d(first), np.atleast_2d(other)]).astype(float)
+    both[:, ~np.isfinite(both).all(axis=0)] = np.nan
+    both = both[:, np.isfinite(both[0]).any(axis=1)]
+    return both if both.size else None
 
 
 def together(differences: Sequence[Difference]) -> list[Difference]:
