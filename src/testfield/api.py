@@ -1,6 +1,6 @@
 """What `import testfield as tf` offers. Every name here is stable; everything else may change."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from html import escape
@@ -19,6 +19,7 @@ from testfield.measure.pipeline import measure as measure_by
 from testfield.measure.recipe import Recipe
 from testfield.reconstruct.points import Points
 from testfield.registry import register
+from testfield.scene.changes import changes_of
 from testfield.scene.load import load_scene as load_scene_file
 from testfield.scene.schema import SceneFile
 from testfield.scene.shipped import find_scene
@@ -146,13 +147,17 @@ def run(
     noise_seed: int | None = None,
     jobs: int = 1,
     force: bool = False,
+    set: Mapping[str, Any] | None = None,
 ) -> RunResult:
     """Render, measure and score a scene, given by path or name; nothing whose inputs are the same is made again.
 
     `out` is the run's folder, renders/NAME where it is absent. Another `seed` is another world, another `noise_seed`
-    other noise in the same one. Raises `TestfieldError` for a scene that cannot be run or measured.
+    other noise in the same one. `set` changes fields for this run alone: `{"camera.focal_length_mm": 35}`.
+
+    Raises `TestfieldError` for a scene that cannot be run or measured.
     """
-    finished, _ = complete(Path(scene), None if out is None else Path(out), seed, noise_seed, jobs, force)
+    changes, folder = changes_of(set or {}), None if out is None else Path(out)
+    finished, _ = complete(Path(scene), folder, seed, noise_seed, jobs, force, changes=changes)
     return RunResult(finished.folder)
 
 

@@ -7,6 +7,7 @@ from testfield.chain.progress import step
 from testfield.chain.rendering import refuse_frames_of_others
 from testfield.chain.run import Run, checked, clear, lay_out, share_radiance
 from testfield.chain.stages import STAGES, run_stage
+from testfield.scene.changes import Change
 from testfield.store.lock import only_writer
 from testfield.store.work import local_pool
 
@@ -23,17 +24,20 @@ def complete(
     force: bool = False,
     warn: Callable[[list[str]], None] = lambda warnings: None,
     stages: tuple[str, ...] = tuple(STAGES),
+    changes: tuple[Change, ...] = (),
 ) -> tuple[Run, bool]:
     """The run of a scene with its `stages` finished, and whether anything had to be made. `warn` is told the scene's
     warnings first.
 
+    `changes` of the scene are for this run alone.
+
     With a `noise_seed` the world is rendered in its own folder, and its radiance shared. With `force` all that the run
     itself made is made again. Raises `TestfieldError` as `checked` does, and where frames of others would be touched.
     """
-    base, content, warnings = checked(scene, out, seed, jobs)
+    base, content, warnings = checked(scene, out, seed, jobs, changes=changes)
     run = base
     if noise_seed is not None:
-        run, noise_content, _ = checked(scene, out, seed, jobs, noise_seed)
+        run, noise_content, _ = checked(scene, out, seed, jobs, noise_seed, changes)
     warn(warnings)
     if run.folder == base.folder:
         with only_writer(run.folder):

@@ -18,7 +18,9 @@ from testfield.chain.truth import Truth
 from testfield.errors import TestfieldError, gather, nearest
 from testfield.registry import ALGORITHMS, find, names
 from testfield.scene import meshes, sky
-from testfield.scene.load import load_scene, numbered, parse_scene
+from testfield.scene.changes import Change, folder_name, with_changes
+from testfield.scene.document import Document, load_document
+from testfield.scene.load import load_scene, numbered, scene_from
 from testfield.scene.room_parts import MapPart
 from testfield.scene.schema import SceneFile
 from testfield.scene.shipped import find_scene
@@ -30,7 +32,6 @@ from testfield.store.code import PACKAGES, code_digest, package_version
 from testfield.store.digests import digest, file_digest
 from testfield.store.ledger import Ledger, inside
 from testfield.store.stamp import now
-from testfield.store.text import decoded
 from testfield.store.work import Pool
 from testfield.targets.field import Field
 from testfield.version import __version__
@@ -39,7 +40,7 @@ from testfield.version import __version__
 @dataclass
 class Run:
     """One scene in one folder. `jobs` processes may work at once, those of `pool` if there is one; `source` is what
-    messages call the scene."""
+    messages call the scene, `changes` what was set in it for this run."""
 
     folder: Path
     scene: SceneFile
@@ -47,6 +48,7 @@ class Run:
     ledger: Ledger
     jobs: int = 1
     pool: Pool | None = None
+    changes: tuple[Change, ...] = ()
 
     @cached_property
     def truth(self) -> Truth:
@@ -100,24 +102,32 @@ def begin(
 
 
 def checked(
-    scene_path: Path, out: Path | None, seed: int | None, jobs: int, noise_seed: int | None = None
+    scene_path: Path,
+    out: Path | None,
+    seed: int | None,
+    jobs: int,
+    noise_seed: int | None = None,
+    changes: tuple[Change, ...] = (),
 ) -> tuple[Run, bytes, list[str]]:
-    """A run whose scene has passed every check, the bytes of its scene file, and the scene's warnings.
+    """A run whose scene has passed every check, the bytes of a scene file that needs no other, and the warnings.
 
     The scene is at the path, or comes along under that name. Another `seed` is another world, and another `noise_seed`
-    other noise in the same one; each has a folder of its own.
+    other noise in the same one; each has a folder of its own, and so have `changes` of the scene.
     """
     scene_path = find_scene(scene_path)
-    scene = load_scene(scene_path)
-    content = scene_path.read_bytes()
+    document = with_changes(load_document(scene_path), changes)
+    scene = scene_from(document)
     others = {"seed": seed, "noise_seed": noise_seed}
-    changes = {key: value for key, value in others.items() if value is not None and value != getattr(scene, key)}
-    if changes:
-        content = with_values(decoded(content), changes).encode()
-        scene = parse_scene(content, str(scene_path), scene_path.parent)
-    folder = folder_of(scene.name, out, changes.get("seed"), changes.get("noise_seed"))
-    run = Run(folder, scene, str(scene_path), Ledger(folder), jobs)
-    return run, content, examined(run, content)
+    seeds = {key: value for key, value in others.items() if value is not None and value != getattr(scene, key)}
+    if seeds:
+        document = document.with_values(
+            {(key,): value for key, value in seeds.items()},
+            {(key,): f"--{key.replace('_', '-')} {value}" for key, value in seeds.items()},
+        )
+        scene = scene_from(document)
+    folder = folder_of(scene.name + folder_name(changes), out, seeds.get("seed"), seeds.get("noise_seed"))
+    run = Run(folder, scene, str(scene_path), Ledger(folder), jobs, changes=changes)
+    return run, document.content, examined(run, document)
 
 
 def folder_of(name: str, out: Path | None, seed: int | None, noise_seed: int | None) -> Path:
@@ -129,11 +139,11 @@ def folder_of(name: str, out: Path | None, seed: int | None, noise_seed: int | N
     return folder if noise_seed is None else folder.with_name(f"{folder.name}-noise{noise_seed}")
 
 
-def examined(run: Run, content: bytes) -> list[str]:
+def examined(run: Run, document: Document) -> list[str]:
     """The warnings of a run's scene. Raises `TestfieldError` for all that is wrong with it, each fault with its line
-    in `content`, the scene file's bytes."""
+    in the document that the scene was read from."""
     warnings: list[str] = []
-    with numbered(content, run.source):
+    with numbered(document):
         gather(
             lambda: check_algorithms(run.scene, run.source),
             lambda: warnings.extend(run.truth.check(run.source)),
@@ -163,6 +173,7 @@ def lay_out(run: Run, content: bytes, warnings: list[str]) -> None:
         scene=scene.name,
         seed=scene.seed,
         noise_seed=scene.noise_seed,
+        changes=[change.text for change in run.changes],
         begun=now(),
         command=" ".join(["testfield", *sys.argv[1:]]),
         versions={"testfield": __version__, "python": platform.python_version()}

@@ -47,7 +47,8 @@ def act(args: argparse.Namespace) -> int:
     from testfield.plan.job import Job
     from testfield.plan.network import planned
     from testfield.plan.predict import predict
-    from testfield.scene.load import load_scene, numbered
+    from testfield.scene.document import load_document
+    from testfield.scene.load import numbered, scene_from
     from testfield.scene.shipped import find_scene
     from testfield.score.scorecard import plain
     from testfield.store.sheets import FORMAT
@@ -55,8 +56,9 @@ def act(args: argparse.Namespace) -> int:
 
     _check(args)
     path = find_scene(args.scene)
-    scene = load_scene(path)
-    with one_blas_thread(), numbered(path.read_bytes(), str(path)):
+    document = load_document(path)
+    scene = scene_from(document)
+    with one_blas_thread(), numbered(document):
         check_algorithms(scene, str(path))
         job = Job.of(scene, str(path))
         found = None if args.replace else predict(planned(job))

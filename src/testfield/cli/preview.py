@@ -25,14 +25,16 @@ def act(args: argparse.Namespace) -> int:
     from testfield.errors import TestfieldError
     from testfield.render.quick import quick_view
     from testfield.report.preview import draw_preview
-    from testfield.scene.load import load_scene
+    from testfield.scene.document import load_document
+    from testfield.scene.load import scene_from
     from testfield.scene.shipped import find_scene
     from testfield.store.atomic import whole
     from testfield.store.ledger import Ledger
 
     path = find_scene(args.scene)
-    run = Run(Path(), load_scene(path), str(path), Ledger(Path("/nonexistent")))
-    show_warnings(examined(run, path.read_bytes()))
+    document = load_document(path)
+    run = Run(Path(), scene_from(document), str(path), Ledger(Path("/nonexistent")))
+    show_warnings(examined(run, document))
     name = args.station or run.stations[0]
     if name not in run.stations:
         raise TestfieldError(f"no station is called '{name}'", "--station", f"choose one of {', '.join(run.stations)}")

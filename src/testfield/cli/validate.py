@@ -48,13 +48,15 @@ def _scene(args: argparse.Namespace) -> int:
 
     from testfield.chain.run import Run, examined
     from testfield.cli.show import show_warnings
-    from testfield.scene.load import load_scene
+    from testfield.scene.document import load_document
+    from testfield.scene.load import scene_from
     from testfield.scene.shipped import find_scene
     from testfield.store.ledger import Ledger
 
     path = find_scene(args.scene)
-    run = Run(Path(), load_scene(path), str(path), Ledger(Path("/nonexistent")))
-    warnings = examined(run, path.read_bytes())
+    document = load_document(path)
+    run = Run(Path(), scene_from(document), str(path), Ledger(Path("/nonexistent")))
+    warnings = examined(run, document)
     show_warnings(warnings)
     held = _held(run)
     if args.json:

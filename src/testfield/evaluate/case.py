@@ -8,9 +8,9 @@ from typing import Any
 
 from testfield.errors import TestfieldError
 from testfield.measure.recipe import Recipe
+from testfield.scene.document import load_document
 from testfield.scene.meshes import COPIES as MESHES
 from testfield.scene.sky import COPY as SKY
-from testfield.store.toml import parse_toml, read_toml
 
 MEASURE = "testfield.evaluate.measured:scorecard_row"
 
@@ -76,8 +76,8 @@ def case(
 
 
 def scene_table(path: Path) -> dict[str, Any]:
-    """A scene file as a plain table."""
-    return parse_toml(read_toml(path, "scene file"), str(path))
+    """A scene file as a plain table, with all that it includes."""
+    return load_document(path).data
 
 
 def changed(scene: dict[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:

@@ -8,7 +8,8 @@ import numpy as np
 
 from testfield.errors import TestfieldError
 from testfield.plan.candidates import Candidates
-from testfield.store.text import decoded, write_text
+from testfield.scene.document import load_document
+from testfield.store.text import write_text
 
 
 def write_proposal(
@@ -23,7 +24,9 @@ def write_proposal(
         raise TestfieldError("this file exists", str(out), "give another name, or --force")
     if not out.parent.is_dir():
         raise TestfieldError("no such folder", str(out.parent), "make it first")
-    text = decoded(source.read_bytes())
+    document = load_document(source)
+    elsewhere = alone and any(part.lines.at(("stations",)) for part in document.parts[1:])
+    text = (document.content if elsewhere else source.read_bytes()).decode()
     write_text(out, with_stations(text, candidates, chosen, source.parent, out.parent, alone))
 
 
@@ -40,6 +43,8 @@ def with_stations(
     import tomlkit
 
     document = tomlkit.parse(text)
+    if "stations" not in document:  # all of them are in files that it includes
+        document["stations"] = tomlkit.aot()
     stations: Any = document["stations"]
     inline = isinstance(stations, tomlkit.items.Array)
     if alone:
@@ -53,6 +58,8 @@ def with_stations(
         one["roll_deg"] = [float(candidates.roll_deg[k])]
         stations.append(one)
     if here.resolve() != there.resolve():
+        if "include" in document:
+            document["include"] = [os.path.relpath(here / str(name), there) for name in document["include"]]
         room: Any = document.get("room", {})
         for part in (*document.get("meshes", []), room.get("environment")):
             if isinstance(part, dict) and "file" in part and not Path(str(part["file"])).is_absolute():

@@ -29,7 +29,12 @@ def with_kinds(schema: dict[str, Any]) -> dict[str, Any]:
     """The JSON Schema of scenes with what `expanded` takes."""
     told = {"description": "Declared once: fields of what is of this kind, by its name.", "type": "object"}
     told["additionalProperties"] = {"type": "object"}  # type: ignore[assignment]
-    properties = schema["properties"] | {TABLE: told}
+    files = {
+        "description": "Files whose fields and parts count as this scene's own, where it has none.",
+        "type": "array",
+    }
+    files["items"] = {"type": "string"}  # type: ignore[assignment]
+    properties = schema["properties"] | {"include": files, TABLE: told}
     parts = dict(schema["$defs"])
     for users in USERS:
         items = schema["properties"][users]["items"]

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
@@ -9,28 +10,34 @@ from pydantic import ValidationError
 
 from testfield.errors import Faults, TestfieldError, faults_in
 from testfield.scene.declared import expanded, with_kinds
+from testfield.scene.document import Document, load_document, read_document
 from testfield.scene.schema import SceneFile
 from testfield.scene.sizes import check_sizes
 from testfield.store.faults import faults_of
-from testfield.store.text import decoded
-from testfield.store.toml import parse_toml, read_toml
-from testfield.store.toml_lines import Lines, Location
+from testfield.store.toml_lines import Location, location_of
 
 SEE = "see `testfield schema`"
 
 
 def load_scene(path: Path) -> SceneFile:
-    """The scene in a TOML file.
+    """The scene in a TOML file, with the files that it includes.
 
     Raises `TestfieldError` where the file is missing, is not TOML, or fields are unknown, absent or out of range: all
     of them, with their lines.
     """
-    return parse_scene(read_toml(path, "scene file"), str(path), path.parent)
+    return scene_from(load_document(path))
 
 
 def parse_scene(text: str | bytes, source: str, folder: Path = Path()) -> SceneFile:
     """The scene in a TOML text; `source` is what messages call it, `folder` where the files it names are."""
-    data = expanded(parse_toml(text, source), source)
+    return scene_from(read_document(text, source, folder))
+
+
+def scene_from(document: Document) -> SceneFile:
+    """The scene that a document describes. Raises `TestfieldError` as `load_scene` does."""
+    source = document.source
+    with numbered(document):
+        data = expanded(deepcopy(document.data), source)
     # The kind of a listed station or target need not be said when it is a single one.
     for name in ("stations", "check_targets"):
         for item in data.get(name, []) if isinstance(data.get(name), list) else []:
@@ -42,32 +49,34 @@ def parse_scene(text: str | bytes, source: str, folder: Path = Path()) -> SceneF
         if isinstance(item, dict):
             item.setdefault("kind", "area")
     try:
-        scene = SceneFile.model_validate(data).in_folder(folder)
+        scene = SceneFile.model_validate(data).in_folder(document.folder)
     except ValidationError as error:
-        raise faults_of(error, SceneFile, data, _text(text), source, SEE) from error
-    with numbered(text, source):
+        raise faults_of(error, SceneFile, data, "", source, SEE, document.where) from error
+    with numbered(document):
         check_sizes(scene, source)
     return scene
 
 
 @contextmanager
-def numbered(content: str | bytes, source: str) -> Iterator[None]:
-    """Add lines to what is raised within: `source, boards[2].size_mm` becomes `source:14, boards[2].size_mm`."""
+def numbered(document: Document) -> Iterator[None]:
+    """Add lines to what is raised within: `source, boards[2].size_mm` becomes `source:14, boards[2].size_mm`, or names
+    the included file where that stands."""
     try:
         yield
     except TestfieldError as error:
-        lines, data = Lines(_text(content)), parse_toml(content, source)
-        faults = [_numbered(fault, lines, data, source) for fault in faults_in(error)]
+        faults = [_numbered(fault, document) for fault in faults_in(error)]
         raise (faults[0] if len(faults) == 1 else Faults(faults)) from error
 
 
-def _numbered(fault: TestfieldError, lines: Lines, data: dict[str, Any], source: str) -> TestfieldError:
-    head = f"{source}, "
+def _numbered(fault: TestfieldError, document: Document) -> TestfieldError:
+    head = f"{document.source}, "
     if not fault.where.startswith(head):
         return fault
     place = fault.where.removeprefix(head)
-    line = lines.of_place(place) or lines.at(_named(place, data))
-    return fault if line is None else TestfieldError(fault.what, f"{source}:{line}, {place}", fault.do)
+    location = location_of(place)
+    if not location or location[0] not in document.data:
+        location = _named(place, document.data)
+    return TestfieldError(fault.what, document.where(location, place)[1], fault.do) if location else fault
 
 
 def _named(place: str, data: dict[str, Any]) -> Location:
@@ -78,10 +87,6 @@ def _named(place: str, data: dict[str, Any]) -> Location:
             if name and (place == name or place.startswith((f"{name} and ", f"{name}, "))):
                 return (key, k)
     return ()
-
-
-def _text(content: str | bytes) -> str:
-    return content if isinstance(content, str) else decoded(content)
 
 
 def scene_schema() -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """What a checked table says is wrong with a person's file, in a person's words: every fault, with its line."""
 
 import json
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
@@ -45,14 +45,27 @@ BOUNDS = {
 }
 
 
-def faults_of(error: ValidationError, model: type[BaseModel], data: Any, text: str, source: str, see: str) -> Faults:
+Where = Callable[[Location], tuple[tuple[int, int], str]]
+"""Of a location, the number of its file and the line there, and `FILE:LINE, PLACE`."""
+
+
+def faults_of(
+    error: ValidationError,
+    model: type[BaseModel],
+    data: Any,
+    text: str,
+    source: str,
+    see: str,
+    where: Where | None = None,
+) -> Faults:
     """All faults that a model finds in a table, in the order of their lines, misspelt fields first.
 
     `data` is the table as read from `text`, a TOML document that messages call `source`; `see` says where fields are
-    described. A field that is missing only because its name is misspelt in the same table is not named.
+    described. A table of several files tells `where` its values stand. A field that is missing only because its name is
+    misspelt in the same table is not named.
     """
-    lines = Lines(text)
-    found: list[tuple[bool, int, int, TestfieldError]] = []
+    where = where or _in_text(Lines(text), source)
+    found: list[tuple[bool, tuple[int, int], int, TestfieldError]] = []
     errors = error.errors(include_url=False)
     misspelt = {_parent(one["loc"]) for one in errors if one["type"] == "extra_forbidden"}
     seen: set[Location] = set()
@@ -67,11 +80,19 @@ def faults_of(error: ValidationError, model: type[BaseModel], data: Any, text: s
         if location in seen:
             continue
         seen.add(location)
-        line = lines.at(location) or 1
+        line, place = where(location)
         what, do = _sentence(one, model, see)
-        fault = TestfieldError(what, f"{source}:{line}, {place_of(location) or 'file'}", do)
+        fault = TestfieldError(what, place, do)
         found.append((one["type"] != "extra_forbidden", line, len(found), fault))
     return Faults([fault for *_, fault in sorted(found, key=lambda row: row[:3])])
+
+
+def _in_text(lines: Lines, source: str) -> Where:
+    def where(location: Location) -> tuple[tuple[int, int], str]:
+        line = lines.at(location) or 1
+        return (0, line), f"{source}:{line}, {place_of(location) or 'file'}"
+
+    return where
 
 
 def written_location(location: Location, data: Any) -> Location:

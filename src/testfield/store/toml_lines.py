@@ -38,8 +38,7 @@ class Lines:
 
     def of_place(self, place: str) -> int | None:
         """The line of a place as messages write it: `boards[2].size_mm`."""
-        words = place.split(" ", 1)[0].rstrip(",")
-        return self.at(tuple(int(key) if key.isdigit() else key for key in PLACE.findall(words)))
+        return self.at(location_of(place))
 
     def _read(self) -> None:
         table: Location = ()
@@ -126,6 +125,12 @@ class Lines:
             else:
                 self._pair(place)
         self._take()
+
+
+def location_of(place: str) -> Location:
+    """The location of a place as messages write it: `boards[2].size_mm`, with more words behind it or without."""
+    words = place.split(" ", 1)[0].rstrip(",")
+    return tuple(int(key) if key.isdigit() else key for key in PLACE.findall(words))
 
 
 def _tokens(text: str) -> Iterator[tuple[str, int]]:
