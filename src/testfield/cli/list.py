@@ -6,7 +6,12 @@ from typing import Any
 from testfield.cli.show import add_load
 
 ALGORITHMS = ("detectors", "finders", "centroids", "decoders", "calibrators", "reconstructors")
-KINDS = ("scenes", *ALGORITHMS, "lenses", "boards", "sensors")
+KINDS = ("scenes", *ALGORITHMS, "lenses", "boards", "cameras", "lights", "sensors")
+SOURCED = {
+    "boards": "boards (pattern.kind, and kinds of the catalogue)",
+    "cameras": "cameras (kind)",
+    "lights": "lights (kind)",
+}
 NONE = "none; this project's own is no algorithm of a recipe"
 """What is said of a kind of which only somebody else's are chosen by name."""
 
@@ -14,7 +19,7 @@ NONE = "none; this project's own is no algorithm of a recipe"
 def add(commands: Any) -> None:
     """Enter the command."""
     p = commands.add_parser(
-        "list", help="scenes that come along, algorithms by stage, sensors: what is chosen by name", description=__doc__
+        "list", help="scenes, algorithms, boards, cameras, lights, sensors: what is chosen by name", description=__doc__
     )
     p.add_argument("what", nargs="?", choices=KINDS, metavar="WHAT", help=f"one of {', '.join(KINDS)} (default: all)")
     p.add_argument("--json", action="store_true", help="print one JSON object")
@@ -31,7 +36,7 @@ def act(args: argparse.Namespace) -> int:
         print(json.dumps(found))
         return 0
     for kind, rows in found.items():
-        print("sensors (sensor.preset)" if kind == "sensors" else kind)
+        print("sensors (sensor.preset)" if kind == "sensors" else SOURCED.get(kind, kind))
         if not rows:
             print(f"  {NONE}")
         width = max([16, *(len(name) for name in rows)])
@@ -54,8 +59,12 @@ def _rows(kind: str) -> dict[str, dict[str, str]]:
             for name, one in presets().items()
         }
     from testfield.registry import names
+    from testfield.scene.catalogue import LISTS, catalogue
 
-    return {name: _said(kind, name) for name in names(kind)}
+    found = {} if kind in ("cameras", "lights") else {name: _said(kind, name) for name in names(kind)}
+    for name, one in catalogue(kind).items() if kind in LISTS else ():
+        found[name] = {"what": one["what"] + ("" if one["verified"] else " (not verified)"), "source": one["source"]}
+    return found
 
 
 def _said(kind: str, name: str) -> dict[str, str]:

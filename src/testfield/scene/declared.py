@@ -1,12 +1,36 @@
-"""What a scene declares once under [kinds] and uses by name: boards, cameras, bars, targets, stations of one kind."""
+"""What a scene declares once under [kinds] and uses by name: boards, cameras, bars, targets, stations of one kind; and
+what the catalogue declares for all scenes."""
 
+from copy import deepcopy
 from typing import Any
 
 from testfield.errors import TestfieldError, nearest
+from testfield.scene.catalogue import catalogue
 
 TABLE, FIELD = "kinds", "kind"
 USERS = ("boards", "cameras", "scale_bars", "check_targets", "measuring_lines", "stations")
 """Lists whose entries may be of a declared kind."""
+CAMERA = "camera"
+"""The table that may be, too; the `sensor` of its kind is the scene's."""
+LIGHTS = ("area", "point")
+"""Kinds of lights that are not declared anywhere."""
+CATALOGUES = {"boards": "boards", "cameras": "cameras", CAMERA: "cameras", "lights": "lights"}
+"""Which list of the catalogue serves which users."""
+
+
+def with_catalogue(data: dict[str, Any]) -> bool:
+    """Declare in a scene's data, under [kinds], what it uses of the catalogue; whether that was anything."""
+    kinds = data.get(TABLE, {})
+    found: dict[str, Any] = {}
+    for users, entries in _entries(data).items():
+        known = catalogue(CATALOGUES[users]) if users in CATALOGUES else {}
+        for entry in entries:
+            name = entry.get(FIELD) if isinstance(entry, dict) else None
+            if isinstance(name, str) and name in known and isinstance(kinds, dict) and name not in kinds:
+                found[name] = deepcopy(known[name]["fields"])
+    if found:
+        data[TABLE] = {**kinds, **found}
+    return bool(found)
 
 
 def expanded(data: dict[str, Any], source: str) -> dict[str, Any]:
@@ -21,7 +45,22 @@ def expanded(data: dict[str, Any], source: str) -> dict[str, Any]:
     for users in USERS:
         entries = whole.get(users)
         if isinstance(entries, list):
-            whole[users] = [_of_kind(entry, kinds, f"{source}, {users}[{k}]") for k, entry in enumerate(entries)]
+            whole[users] = [_of_kind(one, kinds, f"{source}, {users}[{k}]", users) for k, one in enumerate(entries)]
+    room = whole.get("room")
+    if isinstance(room, dict) and isinstance(room.get("lights"), list):
+        lights = [
+            one
+            if isinstance(one, dict) and one.get(FIELD) in LIGHTS
+            else _of_kind(one, kinds, f"{source}, room.lights[{k}]", "lights")
+            for k, one in enumerate(room["lights"])
+        ]
+        whole["room"] = room | {"lights": lights}
+    if isinstance(whole.get(CAMERA), dict) and FIELD in whole[CAMERA]:
+        camera = _of_kind(whole[CAMERA], kinds, f"{source}, {CAMERA}", CAMERA)
+        sensor, own = camera.pop("sensor", {}), whole.get("sensor", {})
+        whole[CAMERA] = camera
+        if sensor and isinstance(own, dict):
+            whole["sensor"] = _merged(sensor, own)
     return whole
 
 
@@ -36,22 +75,43 @@ def with_kinds(schema: dict[str, Any]) -> dict[str, Any]:
     files["items"] = {"type": "string"}  # type: ignore[assignment]
     properties = schema["properties"] | {"include": files, TABLE: told}
     parts = dict(schema["$defs"])
-    for users in USERS:
-        items = schema["properties"][users]["items"]
-        for reference in _references(items):
-            part = parts[reference]
-            kind = {"description": "A kind declared under [kinds].", "type": "string"}
-            parts[reference] = part | {"properties": part["properties"] | {FIELD: kind}}
+    lists = [schema["properties"][users]["items"] for users in USERS]
+    for reference in (one for items in lists for one in _references(items)):
+        parts[reference] = _with_kind(parts[reference], "A kind declared under [kinds], or of the catalogue.")
+    parts["CameraPart"] = _with_kind(parts["CameraPart"], "A kind declared under [kinds], or of the catalogue.")
     return schema | {"properties": properties, "$defs": parts}
 
 
-def _of_kind(entry: Any, kinds: dict[str, Any], where: str) -> Any:
+def _with_kind(part: dict[str, Any], description: str) -> dict[str, Any]:
+    return part | {"properties": part["properties"] | {FIELD: {"description": description, "type": "string"}}}
+
+
+def _entries(data: dict[str, Any]) -> dict[str, list[Any]]:
+    room, camera = data.get("room"), data.get(CAMERA)
+    found = {users: data[users] for users in USERS if isinstance(data.get(users), list)}
+    if isinstance(room, dict) and isinstance(room.get("lights"), list):
+        found["lights"] = room["lights"]
+    return found | {CAMERA: [camera]}
+
+
+def _of_kind(entry: Any, kinds: dict[str, Any], where: str, users: str) -> Any:
     if not isinstance(entry, dict) or FIELD not in entry:
         return entry
     name, own = entry[FIELD], {key: value for key, value in entry.items() if key != FIELD}
     if not isinstance(name, str) or name not in kinds:
-        raise TestfieldError(f"no kind is declared as '{name}'", f"{where}.{FIELD}", nearest(str(name), kinds))
+        raise TestfieldError(f"no kind is declared as '{name}'", f"{where}.{FIELD}", _advice(str(name), kinds, users))
     return _merged(kinds[name], own)
+
+
+def _advice(name: str, kinds: dict[str, Any], users: str) -> str:
+    if users not in CATALOGUES:
+        return nearest(name, kinds)
+    known = [*kinds, *catalogue(CATALOGUES[users]), *(LIGHTS if users == "lights" else ())]
+    near = nearest(name, known)
+    if near.startswith("did"):
+        return near
+    declared = f"declared here: {', '.join(kinds)}; " if kinds else ""
+    return f"{declared}`testfield list {CATALOGUES[users]}` shows the catalogue"
 
 
 def _merged(kind: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from typing import Any
 import tomli_w
 
 from testfield.errors import TestfieldError, nearest
-from testfield.scene.declared import FIELD, TABLE
+from testfield.scene.declared import FIELD, TABLE, with_catalogue
 from testfield.store.faults import place_of
 from testfield.store.text import decoded
 from testfield.store.toml import parse_toml, read_toml
@@ -58,18 +58,20 @@ class Written:
 @dataclass(frozen=True)
 class Document:
     """A scene as a plain table, `data`, that messages call `source`; files that it names are relative to `folder`.
-    `changes` were made for one run: values by location, with what messages call each."""
+    `changes` were made for one run: values by location, with what messages call each. Kinds `of_catalogue` that it uses
+    are declared in `data` like its own."""
 
     source: str
     folder: Path
     data: dict[str, Any]
     parts: tuple[Written, ...]
     changes: Mapping[Location, str] = field(default_factory=dict)
+    of_catalogue: bool = False
 
     @property
     def alone(self) -> bool:
         """Whether the file holds all of it."""
-        return len(self.parts) == 1 and not self.changes
+        return len(self.parts) == 1 and not self.changes and not self.of_catalogue
 
     @property
     def content(self) -> bytes:
@@ -145,7 +147,7 @@ def load_document(path: Path) -> Document:
     """The document in a scene file, with all that it includes. Raises `TestfieldError` as `read_document` does."""
     content = read_toml(path, "scene file")
     data, parts = _Reader().read(content, str(path), path.parent, (path.resolve(),))
-    return Document(str(path), path.parent, data, tuple(parts))
+    return Document(str(path), path.parent, data, tuple(parts), of_catalogue=with_catalogue(data))
 
 
 def read_document(content: str | bytes, source: str, folder: Path = Path()) -> Document:
@@ -154,7 +156,7 @@ def read_document(content: str | bytes, source: str, folder: Path = Path()) -> D
     Raises `TestfieldError` where it is no TOML, or includes what is not there, is no TOML, or includes it in turn.
     """
     data, parts = _Reader().read(content, source, folder, ())
-    return Document(source, folder, data, tuple(parts))
+    return Document(source, folder, data, tuple(parts), of_catalogue=with_catalogue(data))
 
 
 class _Reader:
