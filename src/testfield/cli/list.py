@@ -1,4 +1,4 @@
-"""`testfield list [WHAT]`: what can be chosen by name: scenes, algorithms, sensors."""
+"""`testfield list [WHAT]`: what can be chosen by name: scenes, templates, algorithms, boards, cameras, sensors."""
 
 import argparse
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 from testfield.cli.show import add_load
 
 ALGORITHMS = ("detectors", "finders", "centroids", "decoders", "calibrators", "reconstructors")
-KINDS = ("scenes", *ALGORITHMS, "lenses", "boards", "cameras", "lights", "sensors")
+KINDS = ("scenes", "templates", *ALGORITHMS, "lenses", "boards", "cameras", "lights", "sensors")
 SOURCED = {
     "boards": "boards (pattern.kind, and kinds of the catalogue)",
     "cameras": "cameras (kind)",
@@ -19,7 +19,9 @@ NONE = "none; this project's own is no algorithm of a recipe"
 def add(commands: Any) -> None:
     """Enter the command."""
     p = commands.add_parser(
-        "list", help="scenes, algorithms, boards, cameras, lights, sensors: what is chosen by name", description=__doc__
+        "list",
+        help="scenes, templates, algorithms, boards, cameras, lights, sensors: what is chosen by name",
+        description=__doc__,
     )
     p.add_argument("what", nargs="?", choices=KINDS, metavar="WHAT", help=f"one of {', '.join(KINDS)} (default: all)")
     p.add_argument("--json", action="store_true", help="print one JSON object")
@@ -50,6 +52,11 @@ def act(args: argparse.Namespace) -> int:
 def _rows(kind: str) -> dict[str, dict[str, str]]:
     if kind == "scenes":
         return _scenes()
+    if kind == "templates":
+        from testfield.author.templates import described, templates
+
+        told = {name: described(path) for name, path in templates().items()}
+        return {name: {"what": what, "source": f"expected: {expected}"} for name, (what, expected) in told.items()}
     if kind == "sensors":
         from testfield.sensor.presets import presets
 

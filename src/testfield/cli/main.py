@@ -22,6 +22,7 @@ MODULES = (
     "uncertainty",
     "accept",
     "compare",
+    "sweep",
     "regress",
     "export",
     "new",
@@ -42,11 +43,11 @@ MODULES = (
 """Modules of this package, each of which enters one command or more."""
 
 GROUPS = {
-    "scenes": ("validate", "preview", "view", "plan", "run", "print"),
+    "scenes": ("new", "validate", "preview", "view", "plan", "run", "print"),
     "what a run holds": ("accept", "uncertainty"),
     "one stage of a run": ("render", "expose", "detect", "calibrate", "reconstruct", "score", "report"),
     "photographs": ("measure", "codes"),
-    "ways to measure": ("compare", "regress", "export", "new", "study"),
+    "ways to measure": ("compare", "sweep", "regress", "export", "study"),
     "the program itself": ("certify", "bench", "worker"),
     "to look up": ("list", "schema", "completion"),
 }

@@ -66,12 +66,14 @@ def _of_scene(name: Path) -> "ViewData":
     from testfield.author.view_data import view_data
     from testfield.chain.run import check_algorithms
     from testfield.plan.job import Job
-    from testfield.scene.load import load_scene, numbered
+    from testfield.scene.document import load_document
+    from testfield.scene.load import numbered, scene_from
     from testfield.scene.shipped import find_scene
 
     path = find_scene(name)
-    scene = load_scene(path)
-    with numbered(path.read_bytes(), str(path)):
+    document = load_document(path)
+    scene = scene_from(document)
+    with numbered(document):
         check_algorithms(scene, str(path))
         return view_data(Job.of(scene, str(path)))
 

@@ -73,7 +73,8 @@ def with_kinds(schema: dict[str, Any]) -> dict[str, Any]:
         "type": "array",
     }
     files["items"] = {"type": "string"}  # type: ignore[assignment]
-    properties = schema["properties"] | {"include": files, TABLE: told}
+    varied = {"description": "What `testfield sweep` varies; no part of the scene.", "type": "object"}
+    properties = schema["properties"] | {"include": files, "vary": varied, TABLE: told}
     parts = dict(schema["$defs"])
     lists = [schema["properties"][users]["items"] for users in USERS]
     for reference in (one for items in lists for one in _references(items)):

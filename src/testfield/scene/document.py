@@ -23,6 +23,8 @@ from testfield.store.toml import parse_toml, read_toml
 from testfield.store.toml_lines import Lines, Location
 
 INCLUDE = "include"
+VARY = "vary"
+"""The table that says what `testfield sweep` varies; nothing of the scene itself."""
 MOST_FILES = 100
 
 
@@ -172,6 +174,7 @@ class _Reader:
         text = content if isinstance(content, str) else decoded(content)
         parts = [Written(source, text, _spans(data))]
         names = data.pop(INCLUDE, [])
+        data.pop(VARY, None)
         if not isinstance(names, list) or not all(isinstance(name, str) and name for name in names):
             raise _at(parts[0], "this is no list of files", (INCLUDE,), 'write include = ["cameras.toml"]')
         for k, name in enumerate(names):

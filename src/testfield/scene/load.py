@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from testfield.errors import Faults, TestfieldError, faults_in
 from testfield.scene.declared import expanded, with_kinds
-from testfield.scene.document import Document, load_document, read_document
+from testfield.scene.document import VARY, Document, load_document, read_document
 from testfield.scene.schema import SceneFile
 from testfield.scene.sizes import check_sizes
 from testfield.store.faults import faults_of
@@ -74,7 +74,7 @@ def _numbered(fault: TestfieldError, document: Document) -> TestfieldError:
         return fault
     place = fault.where.removeprefix(head)
     location = location_of(place)
-    if not location or location[0] not in document.data:
+    if not location or location[0] not in (*document.data, VARY):
         location = _named(place, document.data)
     return TestfieldError(fault.what, document.where(location, place)[1], fault.do) if location else fault
 
