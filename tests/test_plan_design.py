@@ -139,6 +139,8 @@ def test_the_command_writes_a_scene_once_and_refuses_what_cannot_be(
         (["--goal", "u_rms_mm"], "--goal"),
         (["--next", "0"], "--next"),
         (["--out", str(tmp_path / "b.toml")], "--next"),
+        (["--range-mm", "900"], "--next"),
+        (["--next", "1", "--mesh", "hull"], "--candidates mesh"),
         (["--next", "1", "--candidates", "moon"], "sphere"),
         (["--next", "1", "--candidates", "mesh"], "mesh"),
         (["--next", "1", "--range-mm", "-4"], "--range-mm"),

@@ -5,6 +5,7 @@ import json
 import re
 import shutil
 import subprocess
+from argparse import Namespace
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from testfield.author.print_files import Paper, cards_of, pages_of
 from testfield.author.prints import print_of
 from testfield.camera.images import Frame, SensorSheet
 from testfield.cli.main import main
+from testfield.cli.print import _as_measured
 from testfield.detect.detect import detect
 from testfield.errors import TestfieldError
 from testfield.targets.board_pattern import BoardPattern
@@ -235,6 +237,23 @@ def test_measured_points_enter_the_sheet_turned_into_its_frame(tmp_path: Path) -
     both = stretched(sheet_of(board), 1.0008, 0.9995, 2e-5)
     assert both.u_scale == 2e-5
     assert np.allclose(both.boards[0].marks.xy_mm, board.marks.xy_mm * [1.0008, 0.9995])
+
+
+def test_boards_that_were_all_measured_have_a_scale_that_somebody_must_state(tmp_path: Path) -> None:
+    sheet = sheet_of(ring_board(3, 3, 40.0), ring_board(3, 3, 40.0, "B"))
+    file = tmp_path / "points.csv"
+    rows = [f"{k + 1},{x},{y},0.002" for k, (x, y) in enumerate(sheet.boards[0].marks.xy_mm)]
+    file.write_text("\n".join(["mark,x_mm,y_mm,u_mm", *rows]))
+
+    def entered(u_scale: float | None, *boards: str) -> float:
+        points = [f"{board}={file}" for board in boards]
+        args = Namespace(scale_x=None, scale_y=None, u_scale=u_scale, u_um=None, points=points)
+        return _as_measured(replace(sheet, u_scale=5e-4), args).u_scale
+
+    assert entered(None, "A") == 5e-4  # of the other board nobody knows more
+    assert entered(3e-6, "A", "B") == 3e-6
+    with pytest.raises(TestfieldError, match="--u-scale"):
+        entered(None, "A", "B")
 
 
 @pytest.mark.parametrize(

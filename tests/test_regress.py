@@ -151,6 +151,20 @@ def test_what_is_no_number_is_a_verdict_of_its_own_on_either_side(
     assert command("check", suite) == 1
 
 
+@pytest.mark.parametrize("spoilt, status", [(None, 1), ("no JSON", 2)])
+def test_a_check_that_could_not_judge_leaves_no_earlier_verdict(
+    suite: Path, machine: Machine, spoilt: str | None, status: int
+) -> None:
+    path, out = recorded(suite), suite.parent / "out"
+    assert command("check", suite) == 0
+    assert (out / "junit.xml").exists() and (out / "summary.md").exists()
+    path.unlink()
+    if spoilt:
+        path.write_text(spoilt)
+    assert command("check", suite) == status
+    assert not (out / "junit.xml").exists() and not (out / "summary.md").exists()
+
+
 def test_a_missing_baseline_stores_a_candidate_and_fails(suite: Path, machine: Machine) -> None:
     assert command("check", suite) == 1
     assert Baseline.load(suite.with_name("own.candidate.json")).draws == 24

@@ -99,8 +99,8 @@ def measured(board: NominalBoard, points: MeasuredPoints) -> NominalBoard:
     """The board with its marks where they were measured, turned into the sheet's frame.
 
     Marks that were not measured follow the affine map that fits those that were, as a printer stretches paper. All
-    share one uncertainty, the largest of what the points are known by and what the affine map leaves. Raises
-    `TestfieldError` where a point is far from where it was printed.
+    share one uncertainty: the root mean square of the points', and together with it, where a mark was not measured,
+    the scatter that the affine map leaves. Raises `TestfieldError` where a point is far from where it was printed.
     """
     drawn = board.marks.xy_mm[points.mark]
     turn, shift = _rigid(points.xy_mm, drawn)

@@ -102,9 +102,12 @@ def _check(args: argparse.Namespace) -> None:
         if value is not None and not 0 < value < 1e7:
             raise TestfieldError(f"value {value} is no distance", f"--{name.replace('_', '-')}", "give millimetres")
     proposes = args.next or args.goal
-    for name in ("out", "replace"):
+    for name in ("out", "replace", "mesh", "range_mm"):
         if getattr(args, name) and not proposes:
-            raise TestfieldError("nothing is proposed without --next or --goal", f"--{name}", "add one of them")
+            option = f"--{name.replace('_', '-')}"
+            raise TestfieldError("nothing is proposed without --next or --goal", option, "add one of them")
+    if args.mesh and args.candidates != "mesh":
+        raise TestfieldError(f"{args.candidates} candidates stand around no mesh", "--mesh", "add --candidates mesh")
     for name in ("out", "page"):
         path = getattr(args, name)
         if path is not None and path.exists() and not args.force:

@@ -42,7 +42,7 @@ def add(commands: Any) -> None:
         type=float,
         metavar="U",
         help="relative standard uncertainty of the scale (default: 0.0005 of a print "
-        "that nobody measured; needed with --scale-x)",
+        "that nobody measured; needed with --scale-x, and with --points of all boards)",
     )
     p.add_argument(
         "--points",
@@ -145,7 +145,7 @@ def _as_measured(sheet: "Field", args: argparse.Namespace) -> "Field":
         sheet = stretched(sheet, args.scale_x or 1.0, args.scale_y or 1.0, args.u_scale)
     elif args.u_scale is not None:
         sheet = replace(sheet, u_scale=args.u_scale)
-    boards = {board.name: board for board in sheet.boards}
+    boards, told = {board.name: board for board in sheet.boards}, set[str]()
     for given in args.points:
         board, equals, file = given.partition("=")
         if not equals or board not in boards:
@@ -156,4 +156,11 @@ def _as_measured(sheet: "Field", args: argparse.Namespace) -> "Field":
             )
         u_mm = None if args.u_um is None else args.u_um / 1000
         boards[board] = measured(boards[board], load_points(Path(file), boards[board], u_mm))
+        told.add(board)
+    if args.u_scale is None and told and told == set(boards):
+        raise TestfieldError(
+            "all boards were measured, so their scale is the measuring machine's, and no longer the printer's",
+            "--u-scale",
+            "give the machine's, as 0.000003",
+        )
     return replace(sheet, boards=tuple(boards.values()))

@@ -101,6 +101,9 @@ def _check(args: argparse.Namespace) -> int:
     from testfield.evaluate.regress.verdict import status_of
     from testfield.store.lock import only_writer
 
+    junit, summary = args.junit or args.out / "junit.xml", args.out / "summary.md"
+    for earlier in (junit, summary):
+        earlier.unlink(missing_ok=True)  # whoever reads them must not take an earlier check for this one
     suite = Suite.load(args.suite).within(args.budget)
     path, jobs = args.baseline or baseline_path(args.suite), jobs_of(args.jobs)
     setups = setups_of(suite)
@@ -116,8 +119,8 @@ def _check(args: argparse.Namespace) -> int:
         if found.lacking:
             recorded(suite, args.out, jobs, pool)[0].save(candidate_path(args.suite))
         notes = notes_of(suite, baseline, found)
-        write_junit(found.findings, suite.name, args.junit or args.out / "junit.xml")
-        write_markdown(found.findings, suite.name, notes, args.out / "summary.md")
+        write_junit(found.findings, suite.name, junit)
+        write_markdown(found.findings, suite.name, notes, summary)
     for line in lines_of(found.findings, args.all):
         print(line)
     for note in notes:
@@ -125,7 +128,7 @@ def _check(args: argparse.Namespace) -> int:
     if found.lacking:
         print(f"a candidate was stored in {candidate_path(args.suite)}: look at it, and rename it", file=sys.stderr)
     print(f"{suite.name}: {counted(found.findings)}")
-    print(args.out / "summary.md")
+    print(summary)
     sys.stdout.flush()
     append(args.history or args.out / HISTORY, suite, found, made_here(suite))
     return status_of(found.findings)
