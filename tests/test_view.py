@@ -1,7 +1,11 @@
 """The 3-D page: its data are the scene's and the plan's, it loads nothing, and in a browser it answers clicks."""
 
+import json
+import os
 import re
 import shutil
+import subprocess
+import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -218,6 +222,62 @@ def test_a_click_shows_a_targets_numbers_and_modes_change_colours(
     assert f"{seen} of {len(data.target)}" in page.inner_text("#chosen")
     page.select_option("#cut", "z")
     assert "z = " in page.inner_text("#cut_said")
+    page.fill("#find_target", "211")
+    page.press("#find_target", "Enter")
+    assert "Target 211" in page.inner_text("#chosen")
+    page.click("#theme")
+    assert page.evaluate("document.documentElement.dataset.theme") == "light"
     page.wait_for_timeout(200)
     assert not faults
     page.close()
+
+
+LARGE = """
+import json, resource, sys
+from pathlib import Path
+from testfield.author.view_data import view_data
+from testfield.bench.plan_scenes import large_field
+from testfield.plan.job import Job
+from testfield.report.view_page import view_page
+Path(sys.argv[1]).write_text(view_page(view_data(Job.of(large_field(5000, 100), "large field"))), encoding="utf-8")
+used = resource.getrusage(resource.RUSAGE_SELF)
+print(json.dumps([used.ru_utime + used.ru_stime, used.ru_maxrss / 1e6]))
+"""
+
+
+@pytest.mark.slow
+@BROWSER
+def test_five_thousand_targets_and_a_hundred_stations(browser: Any, tmp_path: Path) -> None:
+    path = tmp_path / "large.html"
+    threads = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")}
+    made = subprocess.run(
+        [sys.executable, "-c", LARGE, str(path)], capture_output=True, text=True, check=True, env=os.environ | threads
+    )
+    processor_s, peak_gb = json.loads(made.stdout)
+    page = browser.new_page(viewport={"width": 1280, "height": 800})
+    page.goto(path.as_uri())
+    page.wait_for_selector("html[data-ready]", timeout=120_000)
+    before = descendants_s()
+    spun = page.evaluate("view.spin(60)")
+    frame_ms = 1000 * (descendants_s() - before) / 60
+    page.close()
+    size_mb = path.stat().st_size / 1e6
+    print(f"\n{processor_s:.1f} s, {peak_gb:.2f} GB, {size_mb:.1f} MB; {frame_ms:.0f} ms of processor a frame; {spun}")
+    assert processor_s < 20 and peak_gb < 2 and path.stat().st_size < MOST_BYTES
+    assert frame_ms < 120  # time that passes is another program's on a shared machine
+
+
+def descendants_s() -> float:
+    """Processor time of all processes that this one has started and that still run."""
+    found: dict[int, tuple[int, float]] = {}
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            parts = stat.read_text().rsplit(")", 1)[1].split()
+        except OSError:
+            continue  # it has just ended
+        found[int(stat.parent.name)] = int(parts[1]), (int(parts[11]) + int(parts[12])) / os.sysconf("SC_CLK_TCK")
+
+    def is_ours(parent: int) -> bool:
+        return parent == os.getpid() or (parent in found and is_ours(found[parent][0]))
+
+    return sum(seconds for parent, seconds in found.values() if is_ours(parent))

@@ -1,5 +1,4 @@
 // Choosing, the section, the loop that draws when something has changed, and what tests may ask.
-const section = new THREE.Plane(new THREE.Vector3(1, 0, 0), 0);
 let wanted = true, moved = 0, last = 0, level = 0;
 const again = () => { wanted = true; };
 
@@ -13,7 +12,7 @@ function setMode(name) { state.mode = name; byId("mode").value = name; switches(
 function setSection() {
   const axis = byId("cut").value, at = byId("cut_at");
   at.disabled = byId("flip").disabled = !axis;
-  renderer.clippingPlanes = axis ? [section] : [];
+  cutting = axis !== "";
   byId("cut_said").textContent = "";
   if (axis) {
     const side = byId("flip").dataset.side === "-" ? -1 : 1, span = 1.05 * whole;
@@ -22,14 +21,15 @@ function setSection() {
     section.constant = side * place;
     byId("cut_said").textContent = `${side > 0 ? "shown below" : "shown above"} ${axis} = ${place.toFixed(0)} mm`;
   }
-  again();
+  scene.traverse((one) => { if (one.material) clip(one); });
+  ellipsoids(); setLevel(level); again();
 }
 
 // What lies under a place of the screen: of all within reach of it the one that is nearest to the eye.
 const REACH_PX = 9, at = new THREE.Vector3();
 function screenOf(xyz) {
   at.copy(xyz);
-  if (renderer.clippingPlanes.length && section.distanceToPoint(at) < 0) return null;
+  if (cutting && section.distanceToPoint(at) < 0) return null;
   const away = at.distanceTo(camera.position);
   at.project(camera);
   if (at.z > 1 || at.z < -1) return null;

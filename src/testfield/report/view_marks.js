@@ -112,7 +112,7 @@ const factor = () => NICE(state.base + state.enlarge);
 
 function ellipsoids() {
   const axes = num[state.whose], f = factor(), colours = new THREE.Color(), matrix = new THREE.Matrix4();
-  const order = Array.from({ length: count.targets }, (_, k) => k).filter((k) => Number.isFinite(axes[9 * k]));
+  const order = Array.from({ length: count.targets }, (_, k) => k).filter((k) => Number.isFinite(axes[9 * k]) && !(cutting && section.distanceToPoint(three(num.mark_mm, num.target[k])) < 0));
   if (order.length > BODIES) {
     const away = Float64Array.from({ length: count.targets }, (_, k) => three(num.mark_mm, num.target[k]).distanceToSquared(camera.position));
     order.sort((a, b) => away[a] - away[b]);
@@ -158,5 +158,6 @@ function rays() {
   } else if (state.mark >= 0) seeing(state.mark).forEach((s) => ray(s, state.mark));
   if (!ends.length) return;
   chosenLines = lines(ends, { color: LIT, transparent: true, opacity: state.station >= 0 ? 0.45 : 0.8 });
+  clip(chosenLines);
   scene.add(chosenLines);
 }

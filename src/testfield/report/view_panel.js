@@ -121,7 +121,7 @@ if (count.targets > MOST_RAYS) all.push(`of a station's rays ${MOST_RAYS} or few
 if (about.times > 1) all.push(`targets that move stand in all ${about.times} places`);
 if (about.run) {
   const good = Array.from(size).map((e, k) => [e, u[k]]).filter(([e, p]) => Number.isFinite(e) && Number.isFinite(p)), rms = (i) => Math.sqrt(good.reduce((sum, row) => sum + row[i] ** 2, 0) / good.length);
-  all.unshift(`measured by '${about.run.method}'${about.run.fitted ? ", fitted to the truth because the network is free" : ""}: ${good.length} of ${count.targets} targets; actual errors rms ${mm(rms(0))} mm, predicted ${mm(rms(1))} mm (all three axes together)`);
+  byId("summary").textContent = `A finished run, measured by '${about.run.method}'${about.run.fitted ? " and fitted to the truth, for its network is free" : ""}: ${good.length} of ${count.targets} targets. Their actual errors are ${mm(rms(0))} mm rms, where ${mm(rms(1))} mm was predicted (all three axes together).`;
 }
 byId("notes").innerHTML = all.length ? `<h2>Notes</h2><ul>${all.map((one) => `<li>${escaped(one)}</li>`).join("")}</ul>` : "";
 byId("codes").innerHTML = count.targets <= 6000 ? about.targets.map((name) => `<option>${escaped(name)}`).join("") : "";

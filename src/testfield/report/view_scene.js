@@ -12,6 +12,11 @@ try {
   throw error;
 }
 const scene = new THREE.Scene();
+// The section cuts all but ellipsoids, which are whole or not there.
+const section = new THREE.Plane(new THREE.Vector3(1, 0, 0), 0);
+let cutting = false;
+renderer.localClippingEnabled = true;
+const clip = (one) => { one.material.clippingPlanes = cutting && !one.isInstancedMesh ? [section] : null; };
 const groups = {};
 const lines = (positions, options) => {
   const geometry = new THREE.BufferGeometry();
@@ -33,6 +38,7 @@ const whole = Math.max(radius, ...eyes.map((eye) => eye.distanceTo(middle)));
 const camera = new THREE.PerspectiveCamera(40, 1, whole / 500, whole * 40);
 camera.up.set(0, 0, 1);
 const controls = new THREE.OrbitControls(camera, renderer.domElement);
+controls.listenToKeyEvents(renderer.domElement);
 // From the stations' side, but off to one side and from above, so that they do not hide what they see; all in the picture.
 function home() {
   const from = eyes.reduce((sum, eye) => sum.add(eye), new THREE.Vector3()).divideScalar(count.stations).sub(middle);
