@@ -24,9 +24,9 @@ WIDEST = 3.0
 
 @dataclass(frozen=True)
 class Stations:
-    """S images: `name`, `camera` and `place` each, projection centres `eye_mm` (S, 3), unit optical axes `axis` (S, 3),
-    `corners_mm` (S, 4, 3) the ends of the frusta, `reach_mm` (S,) the median distance to what is seen, `size_px` (S, 2)
-    width and height of the images."""
+    """S images: `name` and `camera` (empty where there is one) of each, projection centres `eye_mm` (S, 3), unit
+    optical axes `axis` (S, 3), `corners_mm` (S, 4, 3) the ends of the frusta, `reach_mm` (S,) the median distance to
+    what is seen, `size_px` (S, 2) width and height of the images."""
 
     name: tuple[str, ...]
     camera: tuple[str, ...]

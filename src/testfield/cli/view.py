@@ -84,11 +84,13 @@ def _of_run(folder: Path) -> "ViewData":
     from testfield.author.view_data import view_data
     from testfield.author.view_run import actual_of
     from testfield.calibrate.calibration import Calibration
+    from testfield.chain.belongs import check_truth
     from testfield.chain.run import resume
     from testfield.plan.job import Job
     from testfield.reconstruct.points import Points
 
     run = resume(folder, 1)
+    check_truth(run)
     points = Points.load(run.need("points.parquet", "reconstruct"))
     calibration = Calibration.load(run.need("calibration.json", "calibrate"))
     data = view_data(Job.of(run.scene, run.source))

@@ -94,10 +94,12 @@ function paint() {
 
 // Ellipsoids: bodies of the nearest targets, axes as lines of all where there are more.
 const BODIES = 1200;
-const bodies = new THREE.InstancedMesh(new THREE.IcosahedronGeometry(1, count.targets > 200 ? 1 : 3), new THREE.MeshLambertMaterial({ transparent: true, opacity: 0.8 }), Math.max(1, Math.min(BODIES, count.targets)));
+const bodies = new THREE.InstancedMesh(new THREE.IcosahedronGeometry(1, count.targets > 200 ? 1 : 3), new THREE.MeshLambertMaterial({ transparent: true, opacity: about.run ? 0.55 : 0.8 }), Math.max(1, Math.min(BODIES, count.targets)));
 bodies.frustumCulled = false;
 const crosses = lines(new Float32Array(18 * count.targets), { color: 0x888888 });
-const errors = lines(new Float32Array(6 * count.targets), { color: 0xe0412b });
+// Errors are mostly inside their ellipsoids, so they are drawn over them.
+const errors = lines(new Float32Array(6 * count.targets), { color: 0xff2a1a, depthTest: false });
+errors.renderOrder = 2;
 for (const one of [crosses, errors]) one.frustumCulled = false;
 groups.ellipsoids = [bodies, crosses];
 groups.errors = [errors];
