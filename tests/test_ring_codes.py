@@ -9,7 +9,7 @@ from testfield.camera.images import SensorSheet
 from testfield.camera.interior import Interior
 from testfield.camera.pose import Poses, rotation
 from testfield.certify.reference import ink_in_pixels
-from testfield.detect import detect
+from testfield.detect import detect, ring_check
 from testfield.detect.centre import Centres
 from testfield.detect.centre_ring import Rings, fit_with_rings
 from testfield.detect.detect import measure_targets
@@ -147,7 +147,7 @@ def test_a_ring_of_which_a_dark_bar_hides_segments_is_refused(monkeypatch: pytes
         for centroid in ("ellipse_model", "forward_model"):
             found = look(hidden(*case), centroid)
             assert not ((found.status == MEASURED) & (found.code > 0)).any(), (case, found.code)
-    monkeypatch.setattr(detect, "DISAGREE", np.inf)
+    monkeypatch.setattr(ring_check, "DISAGREE", np.inf)
     for case in HIDDEN:  # without the ring's image another number is read
         found = look(hidden(*case), "ellipse_model")
         wrong = (found.status == MEASURED) & (found.code > 0) & (found.code != case[0])

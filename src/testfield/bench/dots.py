@@ -1,6 +1,6 @@
 """Boards of dots on which one thing is as wanted: size, tilt, noise, blur, light, place on the pixels' grid, a ring."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -16,7 +16,8 @@ from testfield.scene.world import CHECK, Panels, TrueMarks, World
 from testfield.seeds import generator
 from testfield.sensor.expose import Sensor
 from testfield.targets.field import Field
-from testfield.targets.marks import RADII, USUAL
+from testfield.targets.marks import USUAL, ring_radii
+from testfield.targets.ring_code import code_words
 
 FOCAL_PX, LENS, ASIDE_PX = 3478.0, (-0.2, 0.1, -0.05, 1e-3, -1e-3), 700.0
 """Focal length, k1 k2 k3 p1 p2, and how far from the principal point the board is seen."""
@@ -24,8 +25,8 @@ DISTANCE_MM, AZIMUTH_RAD = 3000.0, 0.5
 SIDE = 8
 CELLS = 6
 INK, GROUND = 0.85, 0.04
-BITS, CODES, CODE_STEP = 14, 516, 37
-"""Ring codes: their length, how many there are, and by how much neighbours' numbers differ."""
+CODE_STEP = 37
+"""By how much neighbours' numbers differ."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,8 @@ class Case:
 
     `diameter_px` the longer axis; `tilt_deg` against the line of sight; `snr` contrast over the noise at the edge;
     `blur_px` of the optics; `gradient` of the light over one diameter, as a part of it; `phase` (x, y) of all centres
-    on the pixels' grid, or None for any; `coded` whether each dot is the middle of a ring code.
+    on the pixels' grid, or None for any; `coded` whether each dot is the middle of a ring code, of so many `bits` and
+    the shape `radii`, which change none of the random places.
     """
 
     diameter_px: float = 12.0
@@ -44,6 +46,8 @@ class Case:
     gradient: float = 0.0
     phase: tuple[float, float] | None = None
     coded: bool = False
+    bits: int = field(default=14, repr=False)
+    radii: str = field(default=USUAL, repr=False)
 
 
 @dataclass(frozen=True)
@@ -92,7 +96,7 @@ def sensor_of(snr: float) -> Sensor:
 
 def _world(case: Case, seed: int) -> World:
     random = generator(seed, f"bench/{case}")
-    across = 1.2 + RADII[USUAL].outer if case.coded else 2.2
+    across = 1.2 + ring_radii(case.radii).outer if case.coded else 2.2
     pitch = int(np.ceil(across * case.diameter_px + 12 * case.blur_px + 6))
     size = SIDE * pitch
     lens = LENS if case.phase is None else (0.0,) * 5
@@ -116,7 +120,7 @@ def _world(case: Case, seed: int) -> World:
 
     n = len(pixel)
     zero, none = np.zeros(n, int), np.full(n, -1)
-    code = 1 + CODE_STEP * np.arange(n) % CODES if case.coded else zero
+    code = 1 + CODE_STEP * np.arange(n) % len(code_words(case.bits)) if case.coded else zero
     largest_mm = 2.5 * np.abs(xy_mm).max()
     pose = Poses(np.eye(3)[None], np.zeros((1, 3)))
     return World(
@@ -138,6 +142,7 @@ def _world(case: Case, seed: int) -> World:
             role=np.full(n, CHECK),
             board=none,
             point=none,
+            radii=ring_radii(case.radii),
         ),
         world_from_board=Poses.identity(0),
         station_name=("station",),
@@ -146,5 +151,5 @@ def _world(case: Case, seed: int) -> World:
         psf_sigma_px=case.blur_px,
         lights=(),
         ambient_radiance=0.0,
-        field=Field(BITS, ()),
+        field=Field(case.bits, (), code_radii=case.radii),
     )

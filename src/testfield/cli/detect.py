@@ -38,7 +38,11 @@ def add(commands: Any) -> None:
         help="what the images show: ring14, circles, circles:10x8, acircles:4x11, checkerboard:9x6, "
         "charuco:7x5:DICT_4X4_50:30:22 (mm), aruco:DICT_4X4_50, apriltag:36h11",
     )
-    p.add_argument("--radii", choices=("1:2:3", "1:2.5:4"), help="shape of the ring codes (default: 1:2:3)")
+    p.add_argument(
+        "--radii",
+        metavar="A:B:C",
+        help="shape of the ring codes: radii of the dot and of the ring's edges (default: 1:2:3)",
+    )
     way = p.add_mutually_exclusive_group()
     way.add_argument("--white-on-black", dest="polarity", action="store_const", const="white on black")
     way.add_argument("--black-on-white", dest="polarity", action="store_const", const="black on white")
@@ -87,7 +91,7 @@ def _photographs(args: argparse.Namespace) -> int:
     from testfield.detect.target_spec import parse_target
     from testfield.errors import TestfieldError
     from testfield.report.photograph import draw_found, write_found
-    from testfield.targets.marks import USUAL
+    from testfield.targets.marks import USUAL, ring_radii, shape_name
 
     target = parse_target(args.target)
     _refuse(args, f"photographs: {args.target}", OF_RUNS)
@@ -95,6 +99,10 @@ def _photographs(args: argparse.Namespace) -> int:
         if target.kind not in kinds:
             _refuse(args, f"targets of the kind '{target.kind}'", options)
     radii, polarity = args.radii or USUAL, args.polarity or AUTO
+    try:
+        radii = shape_name(ring_radii(radii))
+    except ValueError as error:
+        raise TestfieldError(str(error), "--radii", "give the radii of dot, ring's inner and outer edge") from error
     smallest_px = SMALLEST_PX if args.smallest_px is None else args.smallest_px
     if args.bayer is not None and args.bayer not in ORDERS:
         raise TestfieldError(

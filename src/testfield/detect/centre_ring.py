@@ -54,6 +54,8 @@ NEAR_EDGE = 3.5
 LONGEST_TURN, STILL = 0.1, 1e-3
 """Largest step of an entry, and the step below which a ring lies still."""
 ROUNDS = 10
+HOLLOW = 0.5
+"""Radii from a dot's centre within which a photograph's dot may have a hole, with the blur of its edge."""
 PATCH = 3
 """Side in px of the patches by whose means image and model are compared: a wrong edge is one or two pixels wide."""
 
@@ -81,8 +83,11 @@ class Fitted:
     patch_sigmas: np.ndarray
 
 
-def fit_with_rings(image_dn: np.ndarray, sheet: SensorSheet, rough: Centres, rings: Rings) -> Fitted:
-    """Dots of rings that were read, n rows, measured again from `rough` in an image (h, w) of bright marks."""
+def fit_with_rings(
+    image_dn: np.ndarray, sheet: SensorSheet, rough: Centres, rings: Rings, hollow: bool = False
+) -> Fitted:
+    """Dots of rings that were read, n rows, measured again from `rough` in an image (h, w) of bright marks. `hollow`
+    where nothing is to be said of what a dot has in its middle: many a maker's has a hole or a cross there."""
     n = len(rings.words)
     found = Fitted(Centres.empty(n), np.full(n, np.inf), np.full(n, np.inf))
     if n == 0:
@@ -94,7 +99,7 @@ def fit_with_rings(image_dn: np.ndarray, sheet: SensorSheet, rough: Centres, rin
     theta[:, BLUR], theta[:, CONTRAST], theta[:, BACKGROUND] = FIRST_BLUR_PX, rough.contrast_dn, rough.background_dn
     batches = list(window_batches(image_dn, theta, rings.radii.outer))
     with threadpool_limits(1, "blas"), ThreadPoolExecutor(min(os.cpu_count() or 1, 4)) as pool:
-        for batch, part in zip(batches, pool.map(lambda b: _fit(b, sheet, rings), batches), strict=True):
+        for batch, part in zip(batches, pool.map(lambda b: _fit(b, sheet, rings, hollow), batches), strict=True):
             found.centres.put(batch.rows, part.centres)
             found.patch[batch.rows], found.patch_sigmas[batch.rows] = part.patch, part.patch_sigmas
     return found
@@ -146,7 +151,7 @@ def _begin(batch: Batch, sheet: SensorSheet, rings: Rings) -> _Ring:
     return _Ring(bright, start, np.ones(n), *bare, reach_px, float(dark_dn))
 
 
-def _fit(batch: Batch, sheet: SensorSheet, rings: Rings) -> Fitted:
+def _fit(batch: Batch, sheet: SensorSheet, rings: Rings, hollow: bool = False) -> Fitted:
     """Gauss and Newton's iteration with weights of the model's own variance."""
     theta, values, ring = batch.theta, batch.values, _begin(batch, sheet, rings)
     prior = np.zeros((len(theta), PARAMETERS))
@@ -163,7 +168,7 @@ def _fit(batch: Batch, sheet: SensorSheet, rings: Rings) -> Fitted:
             break
         part, own = batch.some(rows), ring.some(rows)
         if k < 4:
-            use[rows] = _usable(part, rings.radii)
+            use[rows] = _usable(part, rings.radii, HOLLOW if hollow else 0.0)
         equations = _equations(part, use[rows], own, rings, sheet)
         normal, right = equations.normal, equations.right
         normal[:, np.arange(PARAMETERS), np.arange(PARAMETERS)] += prior[rows]
@@ -223,12 +228,19 @@ def _equations(batch: Batch, use: np.ndarray, ring: _Ring, rings: Rings, sheet: 
     )
 
 
-def _usable(batch: Batch, radii: RingRadii) -> np.ndarray:
-    """(n, m, m) pixels as far as the ring is felt, clear of what may lie beyond its quiet zone."""
+def _usable(batch: Batch, radii: RingRadii, hollow: float) -> np.ndarray:
+    """(n, m, m) pixels as far as the ring is felt, clear of what may lie beyond its quiet zone, and none of the dot's
+    middle up to `hollow` radii and the blur of what may be there."""
     theta, blur = batch.theta, np.hypot(batch.theta[:, BLUR], 0.29)
     to_circle = np.linalg.inv(half_axes(theta))
     felt_px, clear_px = CLEAR_OF_BLUR * blur, NEAR_EDGE * blur
-    return of_rings(batch.inside, theta, to_circle, felt_px, clear_px, radii.outer, radii.quiet)
+    use = of_rings(batch.inside, theta, to_circle, felt_px, clear_px, radii.outer, radii.quiet)
+    if hollow:
+        side = use.shape[1]
+        grid = np.arange(side) - side // 2
+        at = np.stack(np.meshgrid(grid, grid), axis=-1) - theta[:, None, None, :2]
+        use &= np.square(np.einsum("nij,nrcj->nrci", to_circle, at)).sum(axis=-1) > hollow**2
+    return use
 
 
 def _centres(

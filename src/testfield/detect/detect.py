@@ -11,8 +11,8 @@ from scipy.spatial import cKDTree
 from testfield.camera.images import Frame, InvertedSheet, SensorSheet
 from testfield.detect.alike import unlike_neighbours
 from testfield.detect.bright import bright_marks
-from testfield.detect.centre import Centres
-from testfield.detect.centre_ring import Fitted, Rings, fit_with_rings
+from testfield.detect.centre import RING_BEGINS, Centres
+from testfield.detect.centre_ring import Rings
 from testfield.detect.circle_boards import name_circles
 from testfield.detect.contour import ROUGHLY, is_elliptic
 from testfield.detect.decode import CROWDED, CUT, PLAIN, UNREADABLE, decode
@@ -22,6 +22,7 @@ from testfield.detect.observations import MEASURED, Observations
 from testfield.detect.one_row import first_rows
 from testfield.detect.ones_own import blobs_of, numbers_of
 from testfield.detect.outline import POLYGON, UNEVEN, UNTOLD, shapes
+from testfield.detect.ring_check import OTHERS, compared
 from testfield.detect.screen import may_be_dots
 from testfield.detect.square_boards import detect_squares
 from testfield.detect.targets import Targets
@@ -45,13 +46,8 @@ DISTURBED, DISTURBED_CHI2, UNUSUAL = 0.004, 1.6, 3.0
 """A dot is partly hidden or touched by something where its residual beyond noise exceeds the first, as a fraction of
 the contrast, and the third times what is usual in the image, and its chi-squared exceeds the second times what is usual
 (at least times one). Real paint, lenses and converters leave every dot some residual."""
-DOUBTFUL, OTHERS = 0.3, 8
-"""Doubt of `decode` beyond which a code is compared with the image of its ring even in a hurry, and how many of the
-least doubtful tell how well rings and images usually agree."""
-DISAGREE, DISAGREE_SIGMAS, BY_CHANCE, MOST_USUAL = 0.03, 6.5, 4.0, 9.0
-"""A ring is not the one that was read where a patch of pixels departs from its model by the first, as a fraction of the
-contrast, and by the second in sigmas; by more where a photograph's least doubtful rings depart by more than the
-third, as its print and its lens may have it. More than the last is never held to be usual."""
+DOUBTFUL = 0.3
+"""Doubt of `decode` beyond which a code is compared with the image of its ring even in a hurry."""
 NEARLY_FULL = 0.98
 LEAST_CONTRAST = 5.0
 """Contrast over noise below which nothing is measured."""
@@ -134,10 +130,11 @@ def measure_targets(
         blobs = find_blobs(image, sheet, smallest_px, largest_px)
     else:
         blobs = blobs_of(finder(image, sheet, smallest_px, largest_px))
-    rough = find("centroids", ROUGH)(image, sheet, blobs.xy_px, blobs.moments_px2)
+    begins = RING_BEGINS if bits is None else min(radii.inner, RING_BEGINS)
+    rough = find("centroids", ROUGH)(image, sheet, blobs.xy_px, blobs.moments_px2, ring_begins=begins)
     noise = np.sqrt(sheet.variance_dn2(np.nan_to_num(rough.background_dn + rough.contrast_dn / 2)))
     of_size = rough.ok & (_diameter(rough.moments_px2) > 0.7 * smallest_px)
-    rough_ok = of_size & may_be_dots(image, rough.xy_px, rough.moments_px2, rough.contrast_dn, noise)
+    rough_ok = of_size & may_be_dots(image, rough.xy_px, rough.moments_px2, rough.contrast_dn, noise, begins)
     xy, moments, cut = rough.xy_px[rough_ok], rough.moments_px2[rough_ok], blobs.cut[rough_ok]
     elliptic = is_elliptic(image, xy, moments, noise[rough_ok] / rough.contrast_dn[rough_ok], ROUGHLY)
     passed_over = {
@@ -157,13 +154,13 @@ def measure_targets(
         if by_contour:
             not_elliptic = ~is_elliptic(image, centres.xy_px, centres.moments_px2, noise / centres.contrast_dn)
             worst = np.interp(_diameter(centres.moments_px2) / 2, *WORST_UNEVEN)
-            not_elliptic |= (centres.misfit > worst) & (centres.chi2 > CERTAIN_CHI2)
+            hollow = ~not_elliptic & (centres.misfit > worst) & (centres.chi2 > CERTAIN_CHI2)
         else:
-            not_elliptic = centres.misfit > WORST_MISFIT
+            not_elliptic, hollow = centres.misfit > WORST_MISFIT, np.zeros(n, bool)
         diameter = _diameter(centres.moments_px2)
         for bad, why in (
             (cut, "cut by the image's edge"),
-            (not_elliptic, "not an ellipse"),
+            (not_elliptic | hollow, "not an ellipse"),
             (centres.contrast_dn < LEAST_CONTRAST * noise, "too little contrast"),
             (_full(centres, sheet), "saturated"),
             (diameter < smallest_px, "too small"),
@@ -171,18 +168,25 @@ def measure_targets(
             status[(status == MEASURED) & bad] = why
 
     code, affine, doubt = np.full(n, CROWDED), np.full((n, 2, 2), np.nan), np.full(n, np.inf)
+    shape = radii
     good = status == MEASURED
     if bits is None:
         code[good] = PLAIN
     else:
         # A number is worth knowing even where the centre is not to be trusted.
-        read = good | (status == "saturated")
+        hollow &= status == "not an ellipse"
+        read = good | (status == "saturated") | hollow
         dots = (centres.xy_px, centres.moments_px2, centres.contrast_dn, centres.background_dn)
         asked_of = (image, *(values[read] for values in dots), bits, radii)
         if decoder is None:
             code[read], affine[read], doubt[read] = decode(*asked_of)
         else:
             code[read] = numbers_of(decoder(*asked_of), int(read.sum()))
+        # A dot may have a hole or a cross in its middle where its ring can be read, which vouches for it.
+        vouched = hollow & (code > 0) & (centres.contrast_dn >= LEAST_CONTRAST * noise) & ~_full(centres, sheet)
+        status[vouched & (diameter >= smallest_px) & ~cut] = MEASURED
+        code[hollow & ~vouched] = CROWDED
+        good = status == MEASURED
         # Somebody else's numbers say nothing of where a ring's segments are.
         number = np.flatnonzero(code > 0) if decoder is None else np.zeros(0, int)
         words = word_of_number(code[number], bits)
@@ -191,21 +195,23 @@ def measure_targets(
             rows = rows[_asked(doubt[rows])]
         of_row = np.searchsorted(number, rows)
         part = Centres(**{name: values[rows] for name, values in vars(centres).items()})
-        fitted = fit_with_rings(image, sheet, part, Rings(affine[rows], words[of_row], bits, radii))
-        if centroid == WITH_RINGS:
+        rings = Rings(affine[rows], words[of_row], bits, radii)
+        fitted, disagree, shape = compared(image, sheet, part, rings, doubt[rows], by_contour)
+        # Estimators that know no ring keep clear of one that begins at two radii: nearer ones pull their centres.
+        if centroid == WITH_RINGS or (by_contour and centroid != ROUGH and shape.inner < RING_BEGINS):
             done = np.flatnonzero(fitted.centres.ok)
             centres.put(rows[done], Centres(**{name: values[done] for name, values in vars(fitted.centres).items()}))
             # Alone such a dot would be centred with its ring's halo in it.
             status[rows[~fitted.centres.ok]] = "its ring cannot be fitted"
-        status[rows[_disagree(fitted, doubt[rows], by_contour)]] = "partly hidden or disturbed"
+        status[rows[disagree]] = "partly hidden or disturbed"
         affine[number[repeats(words, bits)]] = np.nan
     if by_contour:
         asked = np.flatnonzero(good & (code >= 0))
-        shape = shapes(image, sheet, centres.xy_px[asked], centres.moments_px2[asked])
-        status[asked[shape == POLYGON]], code[asked[shape == POLYGON]] = "a polygon", CROWDED
+        form = shapes(image, sheet, centres.xy_px[asked], centres.moments_px2[asked])
+        status[asked[form == POLYGON]], code[asked[form == POLYGON]] = "a polygon", CROWDED
         for what, why in ((UNEVEN, "a ring or a spot"), (UNTOLD, "too blurred to tell its shape")):
             # A ring code that was read vouches for its dot.
-            status[asked[(shape == what) & (code[asked] == PLAIN)]] = why
+            status[asked[(form == what) & (code[asked] == PLAIN)]] = why
         good &= status == MEASURED
     else:
         for kind in (good & (code == PLAIN), good & (code > 0)):
@@ -217,7 +223,7 @@ def measure_targets(
         (CUT, "ring cut by the image's edge"),
     ):
         status[good & (code == what)] = why
-    _drop_ring_parts(centres.xy_px, centres.moments_px2, code, status, radii)
+    _drop_ring_parts(centres.xy_px, centres.moments_px2, code, status, shape)
     xy_px = np.where(centres.ok[:, None], centres.xy_px, xy)
     moments = np.where(centres.ok[:, None, None], centres.moments_px2, moments)
     one = first_rows(xy_px, _diameter(moments), code, status, centres.chi2)
@@ -233,6 +239,7 @@ def measure_targets(
         background_dn=centres.background_dn[one],
         contrast_dn=centres.contrast_dn[one],
         left_out=blobs.left_out,
+        radii=shape,
         passed_over={why: count for why, count in passed_over.items() if count},
     )
 
@@ -258,15 +265,6 @@ def _asked(doubt: np.ndarray) -> np.ndarray:
     return (
         np.sort(np.concatenate([doubtful, order[: len(order) - len(doubtful)][:OTHERS]])) if len(doubtful) else doubtful
     )
-
-
-def _disagree(fitted: Fitted, doubt: np.ndarray, photograph: bool) -> np.ndarray:
-    """(n,) which rings are not as the image has them: where something dark hides segments, another number is read."""
-    sigmas, usual = fitted.patch_sigmas, 0.0
-    if photograph and len(doubt):
-        usual = min(float(np.median(sigmas[np.argsort(doubt)[:OTHERS]])), MOST_USUAL)
-    beyond_chance = np.sqrt(max(usual**2 - BY_CHANCE**2, 0))
-    return (fitted.patch > DISAGREE) & (sigmas > DISAGREE_SIGMAS + 5 * beyond_chance)
 
 
 def _full(centres: Centres, sheet: SensorSheet) -> np.ndarray:

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from testfield.detect.centre import RING_BEGINS, RING_CLEARANCE_PX, WINDOW
+from testfield.detect.centre import RING_CLEARANCE_PX, WINDOW
 from testfield.store.compiled import compiled
 
 TIGHT = 1.25
@@ -16,13 +16,13 @@ SUMS = 14
 
 
 @compiled
-def grey_sums(image: np.ndarray, xy: np.ndarray, shape: np.ndarray, half: np.ndarray, near: np.ndarray) -> np.ndarray:
+def grey_sums(image: np.ndarray, xy: np.ndarray, shape: np.ndarray, half: np.ndarray, ring: np.ndarray) -> np.ndarray:
     """(n, 14) of an image (h, w) about n rough centres `xy` (n, 2), which are rounded.
 
     The level beside a dot and the level on it; the sums of 1, x, y, x^2, xy, y^2 over the pixels above their mean, each
     times by how much it exceeds it; and these sums each time with 1. `shape` (n, 2, 2) are the quadratic forms of the
-    squared distance in half-axes, `half` (n,) the windows' half-widths, and `near` (n,) tells where a ring may come so
-    near that pixels must keep clear of it.
+    squared distance in half-axes, `half` (n,) the windows' half-widths, and `ring` (n,) how many half-axes away a
+    ring may begin that pixels must keep clear of, 0 where none comes so near.
     """
     h, w = image.shape
     found = np.zeros((len(xy), SUMS))
@@ -35,7 +35,7 @@ def grey_sums(image: np.ndarray, xy: np.ndarray, shape: np.ndarray, half: np.nda
         values = image[top:bottom, left:right]
         a, b = xy[i, 0] - left, xy[i, 1] - top
         form = (shape[i, 0, 0], shape[i, 0, 1], shape[i, 1, 1])
-        if near[i]:
+        if ring[i] > 0:
             form = _form_above_half(values, a, b, form)
         outer, inner, outer_count, inner_count = 0.0, 0.0, 0, 0
         for r in range(bottom - top):
@@ -43,14 +43,21 @@ def grey_sums(image: np.ndarray, xy: np.ndarray, shape: np.ndarray, half: np.nda
             begin, end = span(form, a, r - b, OUTER, right - left)
             for side in ((first, begin), (end, last)):
                 for c in range(side[0], side[1]):
-                    if not near[i] or _clear(form, c - a, r - b):
+                    if ring[i] == 0 or _clear(form, c - a, r - b, ring[i]):
                         outer += values[r, c]
                         outer_count += 1
             begin, end = span(form, a, r - b, INNER, right - left)
             inner_count += end - begin
             for c in range(begin, end):
                 inner += values[r, c]
-        black, white = outer / max(outer_count, 1), inner / max(inner_count, 1)
+        if outer_count == 0:
+            # The gap is too narrow for a pixel of its own: its darkest one is as near as one gets.
+            outer, outer_count = np.inf, 1
+            for r in range(bottom - top):
+                first, last = span(form, a, r - b, WINDOW, right - left)
+                for c in range(first, last):
+                    outer = min(outer, values[r, c])
+        black, white = outer / outer_count, inner / max(inner_count, 1)
         threshold = 0.5 * (black + white)
         found[i, 0], found[i, 1] = black, white
         for r in range(bottom - top):
@@ -59,7 +66,7 @@ def grey_sums(image: np.ndarray, xy: np.ndarray, shape: np.ndarray, half: np.nda
             sum_0, sum_1, sum_2, count_0, count_1, count_2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
             for c in range(first, last):
                 weight = values[r, c] - threshold
-                if weight > 0 and (not near[i] or _clear(form, c - a, r - b)):
+                if weight > 0 and (ring[i] == 0 or _clear(form, c - a, r - b, ring[i])):
                     x = float(c + left - middle_x)
                     sum_0 += weight
                     sum_1 += weight * x
@@ -89,10 +96,10 @@ def span(form: tuple[float, float, float], a: float, dy: float, radius: float, w
 
 
 @compiled
-def _clear(form: tuple[float, float, float], dx: float, dy: float) -> bool:
+def _clear(form: tuple[float, float, float], dx: float, dy: float, ring: float) -> bool:
     """Whether a pixel keeps clear of a ring: as `usable` of `centre.py`."""
     q = math.sqrt(dx * (form[0] * dx + 2 * form[1] * dy) + form[2] * dy * dy)
-    return q <= 1.1 or (RING_BEGINS - q) * math.sqrt(dx * dx + dy * dy) >= RING_CLEARANCE_PX * q
+    return q <= 1.1 or (ring - q) * math.sqrt(dx * dx + dy * dy) >= RING_CLEARANCE_PX * q
 
 
 @compiled

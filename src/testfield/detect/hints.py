@@ -13,9 +13,10 @@ from testfield.detect.eight_bits import pictures
 from testfield.detect.noise import noise_of_pixels
 from testfield.detect.observations import MEASURED, Observations
 from testfield.detect.opencv_boards import detect_board, tag_detector
+from testfield.detect.ring_shape import seen_shape
 from testfield.detect.target_spec import TargetSpec
 from testfield.targets.board_pattern import dictionaries, dictionary
-from testfield.targets.marks import RADII
+from testfield.targets.marks import RADII, RingRadii, shape_name
 from testfield.targets.ring_code import BITS
 
 BLANK_SIGMAS, MOSTLY, DARK = 12.0, 0.5, 0.03
@@ -57,7 +58,12 @@ def of_rings(image: np.ndarray, o: Observations, background_dn: np.ndarray, cont
     # A ring of another length is read by chance now and then, so another code must read more than was read already.
     levels = o.xy_px[ringed], o.moments_px2[ringed], contrast_dn[ringed], background_dn[ringed]
     best, as_what = max(LEAST_CODES - 1, 2 * read), ""
-    for radii, shape in RADII.items():
+    seen = seen_shape(image, *levels)
+    tried = dict(RADII)
+    if seen is not None:
+        rounded = RingRadii(round(20 * seen.radii.inner) / 20, round(20 * seen.radii.outer) / 20)
+        tried.setdefault(shape_name(rounded), rounded)
+    for radii, shape in tried.items():
         for bits in BITS:
             code = decode(image, *levels, bits, shape)[0]
             count = len(np.unique(code[code > 0]))

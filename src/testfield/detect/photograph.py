@@ -16,7 +16,7 @@ from testfield.detect.opencv_boards import detect_board
 from testfield.detect.photo_corners import measure_read
 from testfield.detect.target_spec import TargetSpec
 from testfield.detect.targets import Targets
-from testfield.targets.marks import RADII, USUAL
+from testfield.targets.marks import USUAL, ring_radii, shape_name
 
 ON_BLACK, ON_WHITE, AUTO = "white on black", "black on white", "auto"
 SMALLEST_PX = 5.0
@@ -72,8 +72,8 @@ def detect_in_photograph(
     polarity: str = AUTO,
     smallest_px: float = SMALLEST_PX,
 ) -> Found:
-    """Everything of one kind in one photograph. `radii` a key of `RADII`; `polarity` one of the three; dots of less
-    than `smallest_px` diameter are not looked for. An image that shows nothing gives an empty result."""
+    """Everything of one kind in one photograph. `radii` the rings' shape, as 1:2:3; `polarity` one of the three; dots
+    of less than `smallest_px` diameter are not looked for. An image that shows nothing gives an empty result."""
     if target.kind not in ("ring", "circles"):
         board = _of_board(photograph, target, smallest_px)
         if not len(board.observations):
@@ -109,8 +109,8 @@ def _dots(photograph: Photograph, target: TargetSpec, polarity: str, radii: str,
     if polarity == ON_WHITE:
         sheet = InvertedSheet(sheet.gain_e_per_dn, sheet.read_noise_e, 0.0, sheet.bits, sheet.full_well_e)
         image = sheet.largest_dn - image
-    bits = target.bits if target.kind == "ring" else None
-    targets = measure_targets(image, sheet, "ellipse_model", smallest_px, bits, RADII[radii], by_contour=True)
+    bits, shape = target.bits if target.kind == "ring" else None, ring_radii(radii)
+    targets = measure_targets(image, sheet, "ellipse_model", smallest_px, bits, shape, by_contour=True)
     place = np.full((len(targets.code), 2), -1)
     if target.kind == "circles":
         place = _grid_places(targets, target)
@@ -123,6 +123,8 @@ def _dots(photograph: Photograph, target: TargetSpec, polarity: str, radii: str,
     if (count > 1).any():
         notes.append(f"read more than once: {', '.join(map(str, numbers[count > 1]))}")
     if target.kind == "ring":
+        if targets.radii is not None and targets.radii != shape:
+            notes.append(f"the rings are {shape_name(targets.radii)}, not {shape_name(shape)}")
         seen = targets.observations(photograph.name, place[:, 0], place[:, 0])
         notes += of_rings(image, seen, targets.background_dn, targets.contrast_dn)
     none = np.full(len(targets.code), -1)

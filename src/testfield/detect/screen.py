@@ -11,23 +11,31 @@ from testfield.store.compiled import compiled
 
 RAYS = 24
 INSIDE, RIM = (0.4, 0.75), (1.35, 1.6)
-"""Radii, in dot radii, at which the dot and the gap around it are sampled."""
+"""Radii, in dot radii, at which the dot and the gap around it are sampled; less where a ring begins before 2."""
 DARKER = 0.5
 """What lies around must be darker than this part of the way from the surroundings to the dot, in every direction."""
 LEAST_SIGMAS = 4.0
 
 
 def may_be_dots(
-    image_dn: np.ndarray, xy_px: np.ndarray, moments_px2: np.ndarray, contrast_dn: np.ndarray, noise_dn: np.ndarray
+    image_dn: np.ndarray,
+    xy_px: np.ndarray,
+    moments_px2: np.ndarray,
+    contrast_dn: np.ndarray,
+    noise_dn: np.ndarray,
+    ring_begins: float = 2.0,
 ) -> np.ndarray:
     """(n,) whether blobs at `xy_px` (n, 2) of moments (n, 2, 2) are bright spots on darker ground in all directions.
 
-    `image_dn` (h, w) float32 of bright marks; `contrast_dn` and `noise_dn` (n,). Directions that lead out of the
+    `image_dn` (h, w) float32 of bright marks; `contrast_dn` and `noise_dn` (n,); a ring may begin at `ring_begins` dot
+    radii. Directions that lead out of the
     image are not asked. Blobs without finite numbers are none.
     """
     answer = np.isfinite(xy_px).all(1) & np.isfinite(moments_px2).all((1, 2)) & (contrast_dn > LEAST_SIGMAS * noise_dn)
     asked = np.flatnonzero(answer)
-    axes, places = half_axes_of(moments_px2[asked]), circles((*RIM, *INSIDE), RAYS)
+    gap = min(ring_begins - 1, 1.0)
+    rim = [1 + gap * (radius - 1) for radius in RIM]
+    axes, places = half_axes_of(moments_px2[asked]), circles((*rim, *INSIDE), RAYS)
     image = np.ascontiguousarray(image_dn, np.float32)
     answer[asked] = by_place(partial(_spots, image, places), xy_px[asked], axes, contrast_dn[asked], noise_dn[asked])
     return answer

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from testfield.detect.observations import Observations
+from testfield.targets.marks import RingRadii
 
 
 @dataclass(frozen=True)
@@ -12,7 +13,8 @@ class Targets:
     """Everything in one image that was looked at, n rows: `xy_px`, `cov_px2`, `moments_px2`, `chi2` and `misfit` as
     in `Centres`; `code` (n,) as `decode` gives it, `CROWDED` where nothing was read; `affine` (n, 2, 2) likewise;
     `status` (n,) `measured` or why not; `background_dn` and `contrast_dn` (n,) as in `Centres`; `left_out` how many
-    blobs there were beyond `MOST_BLOBS`; `passed_over` how many blobs have no row, by reason."""
+    blobs there were beyond `MOST_BLOBS`; `radii` the shape that the rings turned out to have; `passed_over` how many
+    blobs have no row, by reason."""
 
     xy_px: np.ndarray
     cov_px2: np.ndarray
@@ -25,6 +27,7 @@ class Targets:
     background_dn: np.ndarray
     contrast_dn: np.ndarray
     left_out: int = 0
+    radii: RingRadii | None = None
     passed_over: dict[str, int] = field(default_factory=dict)
 
     def observations(self, station: str, board: np.ndarray, point: np.ndarray) -> Observations:

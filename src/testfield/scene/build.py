@@ -35,7 +35,7 @@ from testfield.scene.world import (
 from testfield.seeds import Plane, generator, normals
 from testfield.targets.camera_sheet import DEFAULT_CAMERA, CameraSheet
 from testfield.targets.field import Field, ScaleBar
-from testfield.targets.marks import RADII
+from testfield.targets.marks import ring_radii
 
 CARD_MARGIN = 0.3
 """By how much a card's half width exceeds the quiet zone, in dot radii."""
@@ -50,7 +50,7 @@ def build_world(scene: SceneFile, workshop: int | None = None) -> World:
     """
     seed, made = scene.seed, scene.seed if workshop is None else workshop
     scale_error = 1e-6 * scene.u_print_scale_ppm * normals(made, "print_scale", 1)[0, 0]
-    parts, radii = Assembly(scene), RADII[scene.code_radii]
+    parts, radii = Assembly(scene), ring_radii(scene.code_radii)
 
     boards, board_R, board_t, keep_clear = [], [], [], []
     spots: list[tuple] = []

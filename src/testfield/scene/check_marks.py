@@ -84,7 +84,7 @@ def marks_fit(scene: SceneFile, world: World, source: str) -> None:
             raise TestfieldError(
                 f"marks at ({a[0]:.1f}, {a[1]:.1f}) and ({b[0]:.1f}, {b[1]:.1f}) mm are too close",
                 f"{source}, {world.panels.name[k]}",
-                "leave each coded target its quiet zone of 3.9 dot radii",
+                f"leave each coded target its quiet zone of {marks.radii.quiet:g} dot radii",
             )
 
 

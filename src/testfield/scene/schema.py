@@ -24,6 +24,7 @@ from testfield.scene.room_parts import MeshPart, PaintPart, RoomPart
 from testfield.scene.station_parts import StationPart
 from testfield.scene.target_parts import AcceptancePart, CheckPart, MeasuringLinePart, ScaleBarPart
 from testfield.sensor.presets import with_preset
+from testfield.targets.marks import USUAL, RingShape
 
 
 class VolumePart(Part):
@@ -98,8 +99,8 @@ class SceneFile(Part):
         None, ge=0, description="Seed of the sensor's noise, for other images of the same world; absent, `seed`."
     )
     code_bits: Literal[8, 10, 12, 14, 16, 20] = Field(14, description="Segments of every ring code.")
-    code_radii: Literal["1:2:3", "1:2.5:4"] = Field(
-        "1:2:3", description="Radii of every ring code: dot, ring's inner edge, ring's outer edge."
+    code_radii: RingShape = Field(
+        USUAL, description="Radii of every ring code: dot, ring's inner edge, ring's outer edge, as 1:2:3."
     )
     volume: VolumePart = VolumePart()
     camera: CameraPart = CameraPart()

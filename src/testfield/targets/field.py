@@ -14,7 +14,7 @@ from testfield.store.text import write_text
 from testfield.targets.board_pattern import BoardPattern, dictionary
 from testfield.targets.camera_sheet import CameraSheet, RigSheet, cameras_of, tables_of
 from testfield.targets.field_sheets import BoardSheet, FieldSheet
-from testfield.targets.marks import RADII, USUAL, Marks, RingRadii
+from testfield.targets.marks import USUAL, Marks, RingRadii, ring_radii
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class Field:
     """The field sheet.
 
     `u_scale` is the relative standard uncertainty of the scale all boards share (printing, temperature);
-    `code_radii` names the rings' shape (a key of `RADII`);
+    `code_radii` names the rings' shape, as 1:2:3;
     `loose` maps the code of each coded target that belongs to no board to its dot diameter in mm; `cameras` and the
     `rigs` that hold some of them are those that took the images.
     """
@@ -143,7 +143,7 @@ class Field:
     @property
     def radii(self) -> RingRadii:
         """The rings' shape."""
-        return RADII[self.code_radii]
+        return ring_radii(self.code_radii)
 
     def save(self, path: Path) -> None:
         """Write as JSON (`field.json` in a run's folder)."""
@@ -187,8 +187,6 @@ class Field:
         boards = tuple(_board(b, sheet.bits) for b in sheet.boards)
         bars = tuple(ScaleBar(b.name, b.role, b.codes, b.length_mm, b.u_length_mm, b.moved) for b in sheet.scale_bars)
         lines = tuple(MeasuringLine(v.name, v.codes, v.length_mm, v.u_length_mm) for v in sheet.measuring_lines)
-        if sheet.code_radii not in RADII:
-            raise ValueError(f"code_radii '{sheet.code_radii}' is none of {', '.join(RADII)}")
         for what, named in (("board", boards), ("bar", bars), ("measuring line", lines)):
             unique([one.name for one in named], what)
         cameras, rigs = cameras_of(sheet.cameras, sheet.rigs)

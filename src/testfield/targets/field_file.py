@@ -19,6 +19,7 @@ from testfield.choices import LensName
 from testfield.store.faults import faults_of
 from testfield.store.text import decoded
 from testfield.store.toml import parse_toml, read_toml
+from testfield.targets.marks import USUAL, RingShape
 
 SEE = "see scenes/README.md, field files"
 Triple = tuple[float, float, float]
@@ -32,7 +33,7 @@ class TargetPart(_Part):
     """The kind of target, as `testfield detect --target` names it, and how large its dots are."""
 
     kind: str = Field(description="ring14 and the like, or circles:10x8.")
-    radii: Literal["1:2:3", "1:2.5:4"] = Field("1:2:3", description="Shape of the ring codes.")
+    radii: RingShape = Field(USUAL, description="Shape of the ring codes, as 1:2:3.")
     white_on_black: bool | None = Field(None, description="Bright dots on dark ground; absent, whichever is found.")
     diameter_mm: float | None = Field(None, gt=0, description="Diameter of all dots that are not listed.")
     diameters_mm: dict[PositiveInt, PositiveFloat] = Field(default_factory=dict, description="Diameters by code.")

@@ -6,7 +6,7 @@ import pydantic
 
 from testfield.store.sheets import LARGEST_MM, Count, Sheet
 from testfield.targets.camera_sheet import CameraTable, RigTable
-from testfield.targets.marks import USUAL
+from testfield.targets.marks import USUAL, RingShape
 
 Millimetres = Annotated[float, pydantic.Field(ge=-LARGEST_MM, le=LARGEST_MM)]
 Length = Annotated[float, pydantic.Field(gt=0, le=LARGEST_MM)]
@@ -73,7 +73,7 @@ class FieldSheet(Sheet):
     """A field sheet."""
 
     bits: Literal[8, 10, 12, 14, 16, 20]
-    code_radii: str = USUAL  # sheets of before there was a choice
+    code_radii: RingShape = USUAL  # sheets of before there was a choice
     white_on_black: bool
     u_scale: Annotated[float, pydantic.Field(ge=0, le=1)]
     boards: list[BoardSheet]
