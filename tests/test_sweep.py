@@ -85,6 +85,12 @@ def test_what_cannot_be_varied_is_refused_by_file_and_field(vary: str, words: tu
     assert all(word in said for word in words), said
 
 
+def test_draws_of_noise_count_among_the_cases(tmp_path: Path) -> None:
+    vary = '[vary]\ndraws = 5001\n[vary.fields]\n"camera.focal_length_mm" = [8, 10]'
+    with pytest.raises(TestfieldError, match="10,002 cases"):
+        Sweep.load(with_vary(tmp_path, vary))
+
+
 def test_designs_that_do_not_exist_and_uneven_sobol_samples_are_refused(tmp_path: Path) -> None:
     fields = '[vary.fields]\n"camera.k1" = [0, 1]'
     with pytest.raises(TestfieldError, match="give 16 or 32"):

@@ -72,9 +72,12 @@ def act(args: argparse.Namespace) -> int:
     show_warnings(card["warnings"])
     if args.page:
         from testfield.report.plan_page import plan_page
+        from testfield.store.atomic import whole
         from testfield.store.text import write_text
 
-        write_text(args.page, plan_page(found, card))
+        text = plan_page(found, card)
+        with whole(args.page) as part:
+            write_text(part, text)
     if args.json:
         print(json.dumps({"format": FORMAT, "file": str(path)} | plain(card), indent=1, allow_nan=False))
     else:

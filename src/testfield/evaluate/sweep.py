@@ -9,7 +9,7 @@ import pydantic
 
 from testfield.errors import TestfieldError, gather, nearest
 from testfield.evaluate.case import Case
-from testfield.evaluate.sweep_design import Design, Levels, combinations, count_of
+from testfield.evaluate.sweep_design import MOST_CASES, Design, Levels, combinations, count_of
 from testfield.scene.changes import Change, with_changes
 from testfield.scene.document import VARY, Document, load_document, read_document
 from testfield.scene.load import numbered, scene_from
@@ -113,6 +113,13 @@ class Sweep:
     def check(self) -> "Sweep":
         """The same sweep. Raises `TestfieldError` where its size, a field or a value is impossible."""
         self.points()
+        count, how = self.size
+        if count > MOST_CASES:
+            raise TestfieldError(
+                f"{count:,} cases ({how}), and {MOST_CASES:,} are allowed",
+                f"{self.source}, vary.draws",
+                "give fewer draws",
+            )
         scene_from(self.document)
         tried = [
             Change(path, value)

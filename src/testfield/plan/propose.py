@@ -9,6 +9,7 @@ import numpy as np
 from testfield.errors import TestfieldError
 from testfield.plan.candidates import Candidates
 from testfield.scene.document import load_document
+from testfield.store.atomic import whole
 from testfield.store.text import write_text
 
 
@@ -27,7 +28,9 @@ def write_proposal(
     document = load_document(source)
     elsewhere = alone and any(part.lines.at(("stations",)) for part in document.parts[1:])
     text = (document.content if elsewhere else source.read_bytes()).decode()
-    write_text(out, with_stations(text, candidates, chosen, source.parent, out.parent, alone))
+    text = with_stations(text, candidates, chosen, source.parent, out.parent, alone)
+    with whole(out) as part:
+        write_text(part, text)
 
 
 def with_stations(

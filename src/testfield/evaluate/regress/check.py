@@ -130,4 +130,4 @@ def by_weight(findings: Sequence[Finding]) -> list[Finding]:
     """What is no pass, the heaviest first: failing before unknown before improved."""
     order = (Verdict.WORSE, Verdict.NOT_A_NUMBER, Verdict.MISSING, Verdict.UNKNOWN, Verdict.IMPROVED)
     other = [one for one in findings if one.verdict in order]
-    return sorted(other, key=lambda one: (order.index(one.verdict), -one.weight if np.isfinite(one.weight) else 0.0))
+    return sorted(other, key=lambda one: (order.index(one.verdict), -one.weight if one.weight > 0 else 0.0))
