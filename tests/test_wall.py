@@ -50,7 +50,7 @@ MAY_IMPORT: dict[str, tuple[str, ...]] = {
     "certify": (*RESULTS, "evaluate"),
     "bench": (*RESULTS, "plan", "cluster", "report", "chain", "evaluate", "certify"),
     "study": (*RESULTS, "report", "chain", "evaluate", "bench"),
-    "api": (*RESULTS, "report", "chain", "evaluate"),
+    "api": (*RESULTS, "plan", "author", "report", "chain", "evaluate"),
     "cli": (*RESULTS, "plan", "author", "cluster", "report", "chain", "evaluate", "certify", "bench", "study", "api"),
     "__init__": ("version", "api"),
     "__main__": ("cli",),

@@ -15,15 +15,23 @@ __all__ = [
     "Measured",
     "Recipe",
     "RunResult",
+    "Scene",
     "Score",
+    "Stations",
     "TestfieldError",
     "__version__",
+    "arc",
+    "grid",
     "load_scene",
     "measure",
     "open_run",
+    "pose",
     "register",
+    "ring",
     "run",
+    "scattered",
     "score",
+    "station",
 ]
 
 

@@ -7,6 +7,8 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from testfield.author.builder import SceneText
+from testfield.author.station_lists import Stations, arc, grid, pose, ring, scattered, station
 from testfield.calibrate.calibration import Calibration
 from testfield.camera.images import Frame
 from testfield.chain.complete import complete
@@ -33,14 +35,22 @@ __all__ = [
     "Measured",
     "Recipe",
     "RunResult",
+    "Scene",
     "Score",
+    "Stations",
     "TestfieldError",
+    "arc",
+    "grid",
     "load_scene",
     "measure",
     "open_run",
+    "pose",
     "register",
+    "ring",
     "run",
+    "scattered",
     "score",
+    "station",
 ]
 
 
@@ -129,6 +139,68 @@ class RunResult:
         if not path.is_file():
             raise TestfieldError("there is no such table", str(path), "observations, points, truth/marks, truth/views")
         return pd.read_parquet(path)
+
+
+class Scene(SceneText):
+    """A scene written in Python, as its file reads, and used from there:
+
+    `tf.Scene("cell").camera(focal_length_mm=12).board("A", [0, 0, 500], kind="calib.io ChArUco A3 11x8").stations(
+    tf.arc(12, 1500, 800, [0, 0, 500])).save("cell.toml")`
+
+    `Scene.load("cell.toml").set("boards.A.bow_mm", 2).save()` keeps the file's comments.
+    """
+
+    def preview(self, out: str | Path | None = None, station: str | None = None) -> Path:
+        """A PNG of plan, elevation and the view from a station, the first if none is named; its path.
+
+        Raises `TestfieldError` where the scene is wrong, or has no such station.
+        """
+        from testfield.chain.run import checked
+        from testfield.render.quick import quick_view
+        from testfield.report.preview import draw_preview
+        from testfield.store.atomic import whole
+
+        run, _, _ = checked(self.described(), None, None, 1)
+        name = station or run.stations[0]
+        if name not in run.stations:
+            raise TestfieldError(
+                f"no station is called '{name}'", self.name, f"choose one of {', '.join(run.stations)}"
+            )
+        world, k = next((world, k) for _, world, k, image in run.truth.images() if image == name)
+        path = Path("renders") / f"{self.name}-preview.png" if out is None else Path(out)
+        with whole(path) as part:
+            draw_preview(run.world, quick_view(world, k), name, part)
+        return path
+
+    def plan(self) -> dict[str, Any]:
+        """What the scene will measure, predicted before any image: the object of `testfield plan --json`.
+
+        Raises `TestfieldError` where the scene is wrong, or a part of it has no datum.
+        """
+        from testfield.plan.card import card_of
+        from testfield.plan.job import Job
+        from testfield.plan.network import planned
+        from testfield.plan.predict import predict
+        from testfield.scene.load import numbered, scene_from
+
+        document = self.described()
+        with numbered(document):
+            card: dict[str, Any] = plain(card_of(predict(planned(Job.of(scene_from(document), document.source)))))
+        return card
+
+    def run(
+        self,
+        out: str | Path | None = None,
+        *,
+        seed: int | None = None,
+        noise_seed: int | None = None,
+        jobs: int = 1,
+        force: bool = False,
+    ) -> RunResult:
+        """Render, measure and score the scene, saved or not, as `run` does."""
+        folder = None if out is None else Path(out)
+        finished, _ = complete(self.described(), folder, seed, noise_seed, jobs, force)
+        return RunResult(finished.folder)
 
 
 def load_scene(scene: str | Path) -> SceneFile:

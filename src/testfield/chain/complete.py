@@ -8,6 +8,7 @@ from testfield.chain.rendering import refuse_frames_of_others
 from testfield.chain.run import Run, checked, clear, lay_out, share_radiance
 from testfield.chain.stages import STAGES, run_stage
 from testfield.scene.changes import Change
+from testfield.scene.document import Document
 from testfield.store.lock import only_writer
 from testfield.store.work import local_pool
 
@@ -16,7 +17,7 @@ SILENT = ("calibrate", "reconstruct", "score")
 
 
 def complete(
-    scene: Path,
+    scene: Path | Document,
     out: Path | None = None,
     seed: int | None = None,
     noise_seed: int | None = None,

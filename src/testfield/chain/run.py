@@ -102,7 +102,7 @@ def begin(
 
 
 def checked(
-    scene_path: Path,
+    scene_path: Path | Document,
     out: Path | None,
     seed: int | None,
     jobs: int,
@@ -111,11 +111,11 @@ def checked(
 ) -> tuple[Run, bytes, list[str]]:
     """A run whose scene has passed every check, the bytes of a scene file that needs no other, and the warnings.
 
-    The scene is at the path, or comes along under that name. Another `seed` is another world, and another `noise_seed`
-    other noise in the same one; each has a folder of its own, and so have `changes` of the scene.
+    The scene is at the path, comes along under that name, or is a document. Another `seed` is another world, and
+    another `noise_seed` other noise in the same one; each has a folder of its own, and so have `changes` of the scene.
     """
-    scene_path = find_scene(scene_path)
-    document = with_changes(load_document(scene_path), changes)
+    given = scene_path if isinstance(scene_path, Document) else load_document(find_scene(scene_path))
+    document = with_changes(given, changes)
     scene = scene_from(document)
     others = {"seed": seed, "noise_seed": noise_seed}
     seeds = {key: value for key, value in others.items() if value is not None and value != getattr(scene, key)}
@@ -126,7 +126,7 @@ def checked(
         )
         scene = scene_from(document)
     folder = folder_of(scene.name + folder_name(changes), out, seeds.get("seed"), seeds.get("noise_seed"))
-    run = Run(folder, scene, str(scene_path), Ledger(folder), jobs, changes=changes)
+    run = Run(folder, scene, document.source, Ledger(folder), jobs, changes=changes)
     return run, document.content, examined(run, document)
 
 

@@ -59,7 +59,7 @@ def with_changes(document: Document, changes: Iterable[Change], option: str = OP
     Raises `TestfieldError` where a path leads through a value, or names no entry of a list.
     """
     for change in changes:
-        location = _location(document.data, change, f"{option} {change.text}")
+        location = locate(document.data, change, f"{option} {change.text}")
         document = document.with_values({location: change.value}, {location: f"{option} {change.text}"})
     return document
 
@@ -70,7 +70,9 @@ def folder_name(changes: Iterable[Change]) -> str:
     return name if len(name) <= LONGEST_NAME else f"-set-{digest(name)[:12]}"
 
 
-def _location(data: Any, change: Change, where: str) -> Location:
+def locate(data: Any, change: Change, where: str) -> Location:
+    """Where in a scene's data a change takes place. Raises `TestfieldError`, at `where`, for an entry of a list that is
+    not there."""
     found: list[str | int] = []
     for step in change.path.split("."):
         if isinstance(data, list):

@@ -192,7 +192,7 @@ class _Reader:
                 beside = [os.path.relpath(one, folder) for one in path.parent.glob("*.toml")]
                 raise _at(parts[0], f"no such file: '{name}'", (INCLUDE, k), nearest(name, beside) if beside else "")
             more, others = self.read(read_toml(path, "included file"), str(path), path.parent, (*above, here))
-            _seen_from(more, path.parent, folder)
+            files_seen_from(more, path.parent, folder)
             begin: dict[Location, int] = {}
             _joined(data, more, (), begin)
             parts += [replace(one, spans=_moved(one.spans, begin)) for one in others]
@@ -236,10 +236,12 @@ def _joined(own: dict[str, Any], other: dict[str, Any], at: Location, begin: dic
             own[key] = mine + value
 
 
-def _seen_from(data: dict[str, Any], there: Path, folder: Path) -> None:
-    """Name files that an included scene names as they are seen from the folder of the scene that includes it."""
+def files_seen_from(data: dict[str, Any], there: Path, folder: Path) -> None:
+    """Name files that the data of a scene in the folder `there` name as they are seen from another folder."""
     if there.resolve() == folder.resolve():
         return
+    if isinstance(data.get(INCLUDE), list):
+        data[INCLUDE] = [os.path.relpath(there / name, folder) for name in data[INCLUDE]]
     room, meshes = data.get("room"), data.get("meshes")
     environment = room.get("environment") if isinstance(room, dict) else None
     for part in (*(meshes if isinstance(meshes, list) else ()), environment):
