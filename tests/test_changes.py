@@ -57,6 +57,13 @@ def test_what_cannot_be_set_is_refused_by_its_option(text: str, words: tuple[str
     assert all(word in said for word in words), said
 
 
+def test_all_that_cannot_be_set_is_said_at_once() -> None:
+    wrong = (Change("boards.D.bow_mm", 1), Change("scale_bars.9.length_mm", 1))
+    with pytest.raises(TestfieldError) as refused:
+        checked(QUICK, None, None, 1, changes=wrong)
+    assert len(faults_in(refused.value)) == 2
+
+
 def test_another_seed_is_no_other_scene(tmp_path: Path) -> None:
     run, _ = begin(QUICK, tmp_path / "run", 11, 1)
     assert load_scene(run.folder / "scene.toml").seed == 11

@@ -10,15 +10,17 @@ from testfield.evaluate.sweep import Sweep
 from testfield.score.scorecard import TEN
 from testfield.store.text import write_text
 
+FIRST = "points.rmse_mm"
+"""The figure that is shown first."""
 DOT_PX = 8
 DOT = "#2b8fc7"
-BAD = "#d9653c"
 
 
 def figures_of(rows: pd.DataFrame) -> list[tuple[str, str]]:
     """Title and key of the figures of a scorecard that the rows hold."""
     numbers = [(title, key) for title, key, _ in TEN if key in rows and pd.api.types.is_numeric_dtype(rows[key])]
-    return [(title, key) for title, key in numbers if rows[key].notna().any()]
+    there = [(title, key) for title, key in numbers if rows[key].notna().any()]
+    return sorted(there, key=lambda one: one[1] != FIRST)
 
 
 def write_sweep(sweep: Sweep, rows: pd.DataFrame, folder: Path) -> Path:
@@ -37,7 +39,7 @@ def write_sweep(sweep: Sweep, rows: pd.DataFrame, folder: Path) -> Path:
     said += "<p>Each dot is one case; the line joins the means at each value.</p>"
     shown = tabs(
         [
-            (title, tabs([(path, _drawn(rows, path, title, key)) for path in sweep.fields]))
+            (title, tabs([(path, _drawn(rows, path, list(sweep.fields), title, key)) for path in sweep.fields]))
             for title, key in figures_of(rows)
         ]
     )
@@ -51,7 +53,7 @@ def _labels(sweep: Sweep) -> tuple[str, ...]:
     return ("scene", "case", "draw", *sweep.fields)
 
 
-def _drawn(rows: pd.DataFrame, path: str, title: str, key: str) -> object:
+def _drawn(rows: pd.DataFrame, path: str, fields: list[str], title: str, key: str) -> object:
     from bokeh.models import HoverTool
 
     there = rows[rows[path].notna() & rows[key].notna()] if path in rows else rows.iloc[:0]
@@ -67,7 +69,9 @@ def _drawn(rows: pd.DataFrame, path: str, title: str, key: str) -> object:
         size=DOT_PX,
         color=DOT,
         alpha=0.7,
-        source={"x": values.tolist(), "y": there[key].tolist(), "case": there["case"].tolist()},
+        source={"x": values.tolist(), "y": there[key].tolist(), "case": there["case"].tolist()}
+        | {f"field{k}": there[name].astype(str).tolist() for k, name in enumerate(fields) if name in there},
     )
-    drawn.add_tools(HoverTool(renderers=[dots], tooltips=[("case", "@case"), (path, "@x"), (title, "@y")]))
+    said = [(name, f"@field{k}") for k, name in enumerate(fields) if name in there]
+    drawn.add_tools(HoverTool(renderers=[dots], tooltips=[("case", "@case"), *said, (title, "@y")]))
     return drawn

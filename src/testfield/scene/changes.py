@@ -8,7 +8,7 @@ from typing import Any
 
 import tomli_w
 
-from testfield.errors import TestfieldError, nearest
+from testfield.errors import Faults, TestfieldError, nearest
 from testfield.scene.document import Document
 from testfield.store.digests import digest
 from testfield.store.toml_lines import Location
@@ -58,9 +58,15 @@ def with_changes(document: Document, changes: Iterable[Change], option: str = OP
 
     Raises `TestfieldError` where a path leads through a value, or names no entry of a list.
     """
+    faults: list[TestfieldError] = []
     for change in changes:
-        location = locate(document.data, change, f"{option} {change.text}")
-        document = document.with_values({location: change.value}, {location: f"{option} {change.text}"})
+        try:
+            location = locate(document.data, change, f"{option} {change.text}")
+            document = document.with_values({location: change.value}, {location: f"{option} {change.text}"})
+        except TestfieldError as error:
+            faults.append(error)
+    if faults:
+        raise faults[0] if len(faults) == 1 else Faults(faults)
     return document
 
 
