@@ -110,6 +110,18 @@ def test_a_file_of_its_own_names_the_scene(tmp_path: Path) -> None:
         Sweep.load(path)
 
 
+def test_validate_checks_what_is_varied(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    path = with_vary(tmp_path, '[vary.fields]\n"camera.k3" = [0.0, 0.01]')
+    assert main(["validate", str(path)]) == 0
+    path.write_text(path.read_text().replace("camera.k3", "camera.k33"))
+    assert main(["validate", str(path)]) == 2
+    sweep = tmp_path / "sweep.toml"
+    sweep.write_text('scene = "quick"\n[vary.fields]\n"exposure.time_ms" = [4, 8]\n')
+    capsys.readouterr()
+    assert main(["validate", str(sweep)]) == 0
+    assert "2 cases" in capsys.readouterr().out
+
+
 def test_a_sweep_writes_its_table_and_a_page_that_needs_no_network(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ) -> None:

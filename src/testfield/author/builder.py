@@ -13,7 +13,7 @@ from testfield.errors import TestfieldError, nearest
 from testfield.scene.board_parts import BoardPart
 from testfield.scene.camera_parts import CameraPart, ExposurePart, NamedCameraPart, RigPart, SensorPart
 from testfield.scene.changes import Change, locate
-from testfield.scene.declared import FIELD, LIGHTS
+from testfield.scene.declared import FIELD
 from testfield.scene.document import Document, files_seen_from, load_document, read_document
 from testfield.scene.load import scene_from
 from testfield.scene.room_parts import AreaLightPart, MeshPart, PaintPart, PointLightPart, RoomPart, SurfacePart
@@ -23,13 +23,15 @@ from testfield.scene.target_parts import CheckGrid, CheckOnBoard, CheckOnMesh, C
 from testfield.store.text import write_text
 
 Point = Sequence[float]
-TARGETS = {
+TARGETS: dict[str, type[BaseModel]] = {
     "single": CheckSingle,
     "on_board": CheckOnBoard,
     "grid": CheckGrid,
     "random": CheckRandom,
     "on_mesh": CheckOnMesh,
 }
+
+LIGHT_PARTS: dict[str, type[BaseModel]] = {"area": AreaLightPart, "point": PointLightPart}
 
 
 @dataclass
@@ -67,13 +69,13 @@ class SceneText:
 
     def set(self, path: str, value: Any) -> Self:
         """Set a field by its path, as `--set` does: `set("boards.A.bow_mm", 2)`. Comments stay."""
-        *way, last = locate(self.document, Change(path, value), f"{self.name}.set")
+        location: list[Any] = list(locate(self.document, Change(path, value), f"{self.name}.set"))
         inside: Any = self.document
-        for step in way:
+        for step in location[:-1]:
             inside = inside.setdefault(step, tomlkit.table()) if isinstance(inside, dict) else inside[step]
         if not isinstance(inside, (dict, list)):
             raise TestfieldError("the scene has no such place", f"{self.name}.set {path}", "name tables and entries")
-        inside[last] = value
+        inside[location[-1]] = value
         return self
 
     def include(self, *files: str) -> Self:
@@ -126,7 +128,7 @@ class SceneText:
 
     def light(self, position_mm: Point, *, kind: str = "area", **fields: Any) -> Self:
         """A light: an area, a point, or a kind of the catalogue."""
-        model = {"area": AreaLightPart, "point": PointLightPart}.get(kind, AreaLightPart) if kind in LIGHTS else None
+        model = LIGHT_PARTS.get(kind)
         return self._entry("lights", model, {FIELD: kind, "position_mm": position_mm, **fields}, self._table("room"))
 
     def board(

@@ -1,4 +1,4 @@
-"""`testfield validate FILE`: check a scene, a recipe or a comparison without rendering."""
+"""`testfield validate FILE`: check a scene, a sweep, a recipe or a comparison without rendering."""
 
 import argparse
 from pathlib import Path
@@ -33,14 +33,32 @@ def act(args: argparse.Namespace) -> int:
     """Say what is wrong, or what the file holds."""
     from testfield.evaluate.comparison import is_comparison
     from testfield.measure.recipe_file import is_recipe
+    from testfield.scene.document import VARY
     from testfield.scene.schema import SceneFile
     from testfield.store.toml import toml_or_nothing
 
     if is_comparison(args.scene):
         return _comparison(args)
-    if is_recipe(toml_or_nothing(args.scene), SceneFile.model_fields):
+    data = toml_or_nothing(args.scene)
+    if is_recipe(data, SceneFile.model_fields):
         return _recipe(args)
+    if VARY in data and "scene" in data:
+        return _sweep(args)
     return _scene(args)
+
+
+def _sweep(args: argparse.Namespace) -> int:
+    """The size of a sweep, with its scene, fields and values checked."""
+    import json
+
+    from testfield.evaluate.sweep import Sweep
+
+    count, how = Sweep.load(args.scene).size
+    if args.json:
+        print(json.dumps({"sweep": str(args.scene), "valid": True, "warnings": [], "cases": count}))
+    else:
+        print(f"{args.scene}: {good('valid')}\n  {count:,} cases: {how}")
+    return 0
 
 
 def _scene(args: argparse.Namespace) -> int:
@@ -48,16 +66,20 @@ def _scene(args: argparse.Namespace) -> int:
 
     from testfield.chain.run import Run, examined
     from testfield.cli.show import show_warnings
-    from testfield.scene.document import load_document
+    from testfield.evaluate.sweep import Sweep
+    from testfield.scene.document import VARY, load_document
     from testfield.scene.load import scene_from
     from testfield.scene.shipped import find_scene
     from testfield.store.ledger import Ledger
+    from testfield.store.toml import toml_or_nothing
 
     path = find_scene(args.scene)
     document = load_document(path)
     run = Run(Path(), scene_from(document), str(path), Ledger(Path("/nonexistent")))
     warnings = examined(run, document)
     show_warnings(warnings)
+    if VARY in toml_or_nothing(path):
+        Sweep.load(path)  # speaks where it is wrong
     held = _held(run)
     if args.json:
         print(json.dumps({"scene": str(path), "valid": True, "warnings": warnings} | held))
