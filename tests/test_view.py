@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from testfield.author.prints import print_of
+from testfield.author.prints import Sector, print_of, sectors_of
 from testfield.author.view_data import ViewData, view_data
+from testfield.author.view_prints import panel_prints
 from testfield.author.view_run import actual_of
 from testfield.author.view_surfaces import MOST_FACES, _coarser
 from testfield.camera.project import project_camera
@@ -27,6 +28,8 @@ from testfield.plan.predict import Prediction, predict_scene
 from testfield.report.view_page import FINEST, MOST_BYTES, arrays, view_page
 from testfield.scene.load import load_scene, parse_scene
 from testfield.scene.world import TrueMesh
+from testfield.targets.field import TIME
+from testfield.targets.marks import RADII, USUAL, Marks
 
 TINY = Path(__file__).parent / "torture" / "tiny.toml"
 CHROMIUM = shutil.which("chromium")
@@ -99,6 +102,22 @@ def test_prints_are_those_that_are_printed(data: ViewData) -> None:
     assert (prints.sectors_panel == panel).sum() == len(one.sectors)
     loose = prints.sectors[np.isin(prints.sectors_panel, world.marks.panel[data.target])]
     assert len(loose) > len(data.target)
+
+
+def test_targets_that_move_carry_their_print_to_every_place() -> None:
+    world = Job.of(load_scene(TINY.parents[2] / "scenes" / "camera_cell.toml"), "camera_cell.toml").world
+    prints = panel_prints(world)
+    moved = np.flatnonzero(world.marks.code > TIME)
+    assert len(moved)
+    for mark in moved:
+        panel, xy = world.marks.panel[mark], world.marks.xy_mm[mark]
+        own = (prints.sectors_panel == panel) & (np.abs(prints.sectors[:, :2] - xy).max(axis=1) < 1e-9)
+        assert own.sum() == len(sectors_of_code(int(world.marks.code[mark] % TIME), world.field.bits))
+
+
+def sectors_of_code(code: int, bits: int) -> tuple[Sector, ...]:
+    marks = Marks(np.zeros((1, 2)), np.ones(1), np.array([code]), bits)
+    return sectors_of(marks, RADII[USUAL])
 
 
 def test_a_frustum_ends_where_the_corners_of_the_image_point(data: ViewData) -> None:

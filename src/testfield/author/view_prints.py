@@ -7,6 +7,7 @@ import numpy as np
 from testfield.author.drawn_page import boxes
 from testfield.author.prints import Print, print_of, sectors_of
 from testfield.scene.world import World
+from testfield.targets.field import TIME
 from testfield.targets.marks import Marks
 
 
@@ -52,7 +53,7 @@ def _by_panel(world: World) -> list[tuple[int, np.ndarray]]:
 
 
 def _cards(world: World, here: np.ndarray) -> Print:
-    """What is printed on a card or a sticker: its targets where they are."""
+    """What is printed on a card or a sticker: its targets where they are, with the codes that they have at any time."""
     own = world.marks
-    marks = Marks(own.xy_mm[here], own.diameter_mm[here], own.code[here], world.field.bits)
+    marks = Marks(own.xy_mm[here], own.diameter_mm[here], own.code[here] % TIME, world.field.bits)
     return Print("", np.zeros(2), True, marks, sectors_of(marks, own.radii), None, None, own.radii)

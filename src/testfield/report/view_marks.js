@@ -42,12 +42,12 @@ const ofTarget = (values) => (mark) => isTarget[mark] >= 0 ? values[isTarget[mar
 const MODES = {
   kind: { title: "kind", kinds: KIND, of: (mark) => about.roles[num.mark_role[mark]] },
   rays: { title: "number of rays", of: (mark) => num.rays[mark], whole: true },
-  angle: { title: "convergence angle", unit: "°", of: (mark) => num.rays[mark] > 1 ? num.angle_deg[mark] : NaN },
-  u: { title: "predicted standard uncertainty", unit: "mm", of: ofTarget(u), log: true, down: true },
+  angle: { title: "convergence angle", unit: "°", of: (mark) => num.rays[mark] > 1 ? num.angle_deg[mark] : NaN, none: "in fewer than two images" },
+  u: { title: "predicted standard uncertainty", unit: "mm", of: ofTarget(u), log: true, down: true, none: "not predicted" },
 };
 if (about.run) {
-  MODES.error = { title: "actual error", unit: "mm", of: ofTarget(size), log: true, down: true };
-  MODES.ratio = { title: "actual error over predicted uncertainty", unit: "", of: ofTarget(size.map((e, k) => e / u[k])), down: true };
+  MODES.error = { title: "actual error", unit: "mm", of: ofTarget(size), log: true, down: true, none: "not measured" };
+  MODES.ratio = { title: "actual error over predicted uncertainty", unit: "", of: ofTarget(size.map((e, k) => e / u[k])), down: true, none: "not measured" };
 }
 const state = { mode: "kind", station: -1, mark: -1, whose: "axes_mm", enlarge: 12, base: 1 };
 

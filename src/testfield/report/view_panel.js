@@ -30,7 +30,7 @@ function legend() {
   else {
     const steps = Array.from({ length: 9 }, (_, k) => `#${viridis(mode.down ? 1 - k / 8 : k / 8).getHexString()}`), form = (v) => `${mode.whole ? v : said(v)}${mode.unit === "°" ? "°" : mode.unit ? ` ${mode.unit}` : ""}`;
     const none = Array.from(num.target).some((m) => !Number.isFinite(mode.of(m)));
-    to.innerHTML = `<div class="bar" style="background:linear-gradient(90deg,${steps})"></div><div class="ends"><span>${form(scale.first)}</span>${none ? `<span><i style="background:${NONE}"></i>not ${state.mode === "error" ? "measured" : "known"}</span>` : ""}<span>${form(scale.last)}</span></div>`;
+    to.innerHTML = `<div class="bar" style="background:linear-gradient(90deg,${steps})"></div><div class="ends"><span>${form(scale.first)}</span>${none ? `<span><i style="background:${NONE}"></i>${mode.none}</span>` : ""}<span>${form(scale.last)}</span></div>`;
   }
   byId("enlarge").value = state.enlarge;
   byId("enlarged").textContent = longest.length ? `k = 1, ${factor() < 1 ? factor() : factor().toLocaleString("en")} times enlarged` : "none predicted";
