@@ -28,6 +28,7 @@ from testfield.scene.load import parse_scene
 from testfield.scene.schema import SceneFile
 from testfield.scene.world import World
 from testfield.store import code
+from testfield.targets.ring_code import code_words
 
 SCENES = Path(__file__).parents[1] / "scenes"
 BASE = """
@@ -260,6 +261,7 @@ TABLE: dict[str, list[Change]] = {
         ("noise_seed", 4, (E,)),
         ("code_bits", 16, ALL),
         ("code_radii", "1:2.5:4", ALL),
+        ("code_table", "codes.toml", ALL),
         ("volume.size_mm", [4000, 3000, 2001], ()),
         ("camera.width_px", 1290, (R, C)),
         ("camera.height_px", 1030, (R, C)),
@@ -546,6 +548,9 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     folder = tmp_path_factory.mktemp("keys")
     shutil.copytree(SCENES / "meshes", folder / "meshes")
+    words = code_words(14)[np.arange(500)[::-1]]
+    codes = "".join(f"[[codes]]\nnumber = {k}\nword = {word}\n" for k, word in enumerate(words.tolist(), 1))
+    (folder / "codes.toml").write_text("bits = 14\n" + codes)
     for name, value in (("light.png", 100), ("other.png", 150)):
         cv2.imwrite(str(folder / name), np.full((8, 16, 3), value, np.uint8))
     return folder

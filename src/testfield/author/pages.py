@@ -162,4 +162,6 @@ def _part(one: Print, low: np.ndarray, high: np.ndarray, name: str) -> Print:
     marks = Marks(one.marks.xy_mm[own] - middle, one.marks.diameter_mm[own], one.marks.code[own], one.marks.bits)
     assert one.board is not None
     board = NominalBoard(name, marks, one.board.u_xy_mm, one.board.u_z_mm)
-    return replace(one, name=name, size_mm=high - low, marks=marks, sectors=sectors_of(marks, one.radii), board=board)
+    return replace(
+        one, name=name, size_mm=high - low, marks=marks, sectors=sectors_of(marks, one.radii, one.codes), board=board
+    )

@@ -159,7 +159,8 @@ def _together(placed: list[tuple[Print, np.ndarray]], paper_mm: np.ndarray, room
         size_mm=room,
         white_on_black=sheet.white_on_black,
         marks=marks,
-        sectors=sectors_of(marks, sheet.radii),
+        sectors=sectors_of(marks, sheet.radii, sheet.codes),
+        codes=sheet.codes,
         radii=sheet.radii,
         cards=np.column_stack([middles - half, middles + half]),
     )

@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from testfield.targets.board_pattern import Cells
+from testfield.targets.code_table import CodeTable, words_of
 from testfield.targets.field import Field, NominalBoard
 from testfield.targets.marks import Marks, RingRadii
-from testfield.targets.ring_code import word_of_number
 
 BORDER = 0.5
 """Of ground around a dot, in radii: less, and its edge is another's."""
@@ -42,6 +42,7 @@ class Print:
     cells: Cells | None = None
     radii: RingRadii = field(default_factory=lambda: RingRadii(2.0, 3.0))
     cards: np.ndarray | None = None
+    codes: CodeTable | None = None
 
     @property
     def areas_mm(self) -> np.ndarray:
@@ -84,7 +85,15 @@ def print_of(board: NominalBoard, sheet: Field, size_mm: tuple[float, float] | N
     around = 2 * (np.abs(marks.xy_mm) + reach_mm(marks, sheet.radii)[:, None]).max(axis=0)
     size = around if size_mm is None else np.array(size_mm)
     return Print(
-        board.name, size, sheet.white_on_black, marks, sectors_of(marks, sheet.radii), board, None, sheet.radii
+        board.name,
+        size,
+        sheet.white_on_black,
+        marks,
+        sectors_of(marks, sheet.radii, sheet.codes),
+        board,
+        None,
+        sheet.radii,
+        codes=sheet.codes,
     )
 
 
@@ -92,7 +101,8 @@ def card_of(code: int, diameter_mm: float, sheet: Field) -> Print:
     """One coded target to be cut out: that of a scale bar, or a sticker."""
     marks = Marks(np.zeros((1, 2)), np.array([diameter_mm]), np.array([code]), sheet.bits)
     size = np.full(2, diameter_mm * sheet.radii.quiet)
-    return Print(f"{code}", size, sheet.white_on_black, marks, sectors_of(marks, sheet.radii), None, None, sheet.radii)
+    sectors = sectors_of(marks, sheet.radii, sheet.codes)
+    return Print(f"{code}", size, sheet.white_on_black, marks, sectors, None, None, sheet.radii, codes=sheet.codes)
 
 
 def reach_mm(marks: Marks, radii: RingRadii) -> np.ndarray:
@@ -100,12 +110,12 @@ def reach_mm(marks: Marks, radii: RingRadii) -> np.ndarray:
     return np.asarray(marks.diameter_mm / 2 * np.where(marks.code > 0, radii.quiet, 1 + BORDER))
 
 
-def sectors_of(marks: Marks, radii: RingRadii) -> tuple[Sector, ...]:
+def sectors_of(marks: Marks, radii: RingRadii, codes: CodeTable | None = None) -> tuple[Sector, ...]:
     """The bright parts of all rings, neighbours in one piece. Segments follow each other clockwise from +x."""
     found = []
     step = 2 * np.pi / marks.bits
     for k in np.flatnonzero(marks.code > 0):
-        word = int(word_of_number(marks.code[k : k + 1], marks.bits)[0])
+        word = int(words_of(marks.code[k : k + 1], marks.bits, codes)[0])
         bright = [bool(word >> (marks.bits - 1 - j) & 1) for j in range(marks.bits)]
         begins = [j for j in range(marks.bits) if bright[j] and not bright[j - 1]]
         radius = marks.diameter_mm[k] / 2

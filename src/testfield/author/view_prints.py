@@ -56,4 +56,4 @@ def _cards(world: World, here: np.ndarray) -> Print:
     """What is printed on a card or a sticker: its targets where they are, with the codes that they have at any time."""
     own = world.marks
     marks = Marks(own.xy_mm[here], own.diameter_mm[here], own.code[here] % TIME, world.field.bits)
-    return Print("", np.zeros(2), True, marks, sectors_of(marks, own.radii), None, None, own.radii)
+    return Print("", np.zeros(2), True, marks, sectors_of(marks, own.radii, world.field.codes), None, None, own.radii)

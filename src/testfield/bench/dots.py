@@ -15,6 +15,7 @@ from testfield.render.stage import build_stage
 from testfield.scene.world import CHECK, Panels, TrueMarks, World
 from testfield.seeds import generator
 from testfield.sensor.expose import Sensor
+from testfield.targets.code_table import CodeTable
 from testfield.targets.field import Field
 from testfield.targets.marks import USUAL, ring_radii
 from testfield.targets.ring_code import code_words
@@ -35,8 +36,8 @@ class Case:
 
     `diameter_px` the longer axis; `tilt_deg` against the line of sight; `snr` contrast over the noise at the edge;
     `blur_px` of the optics; `gradient` of the light over one diameter, as a part of it; `phase` (x, y) of all centres
-    on the pixels' grid, or None for any; `coded` whether each dot is the middle of a ring code, of so many `bits` and
-    the shape `radii`, which change none of the random places.
+    on the pixels' grid, or None for any; `coded` whether each dot is the middle of a ring code, of so many `bits`,
+    the shape `radii` and the table `codes`, which change none of the random places.
     """
 
     diameter_px: float = 12.0
@@ -48,6 +49,7 @@ class Case:
     coded: bool = False
     bits: int = field(default=14, repr=False)
     radii: str = field(default=USUAL, repr=False)
+    codes: CodeTable | None = field(default=None, repr=False)
 
 
 @dataclass(frozen=True)
@@ -120,7 +122,8 @@ def _world(case: Case, seed: int) -> World:
 
     n = len(pixel)
     zero, none = np.zeros(n, int), np.full(n, -1)
-    code = 1 + CODE_STEP * np.arange(n) % len(code_words(case.bits)) if case.coded else zero
+    known = np.arange(1, len(code_words(case.bits)) + 1) if case.codes is None else np.array(case.codes.numbers)
+    code = known[CODE_STEP * np.arange(n) % len(known)] if case.coded else zero
     largest_mm = 2.5 * np.abs(xy_mm).max()
     pose = Poses(np.eye(3)[None], np.zeros((1, 3)))
     return World(
@@ -151,5 +154,5 @@ def _world(case: Case, seed: int) -> World:
         psf_sigma_px=case.blur_px,
         lights=(),
         ambient_radiance=0.0,
-        field=Field(case.bits, (), code_radii=case.radii),
+        field=Field(case.bits, (), code_radii=case.radii, codes=case.codes),
     )

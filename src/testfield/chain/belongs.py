@@ -2,7 +2,7 @@
 
 from testfield.chain.run import Run
 from testfield.errors import TestfieldError
-from testfield.scene import meshes, sky
+from testfield.scene import codes, meshes, sky
 from testfield.scene.room_parts import MapPart
 from testfield.scene.schema import SceneFile
 from testfield.store.digests import digest, file_digest
@@ -17,6 +17,8 @@ def rendered_world(scene: SceneFile) -> str:
     files = [meshes.mesh_path(part, scene.folder) for part in scene.meshes]
     if isinstance(around := scene.room.environment, MapPart):
         files.append(sky.map_path(around, scene.folder))
+    if scene.code_table is not None:
+        files.append(codes.codes_path(scene.code_table, scene.folder))
     # Defaults are left out, so that a scene stays the same when the schema learns of something new.
     parts = scene.model_dump(exclude_defaults=True, exclude=NOT_OF_THE_WORLD)
     return digest(parts, [file_digest(path) for path in files])

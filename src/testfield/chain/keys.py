@@ -32,7 +32,8 @@ def render_keys(scene: SceneFile, world: World) -> RenderKeys:
     renderers = ("view", "irradiance", "stage")
     modules = [*(f"testfield.render.{name}" for name in renderers), "testfield.seeds"]
     code = code_digest(*modules, module_of("lenses", world.interior.model))
-    shapes = (world.panels, world.marks, world.dirt, world.prints, world.field.bits, world.meshes)
+    codes = world.field.codes or world.field.bits
+    shapes = (world.panels, world.marks, world.dirt, world.prints, codes, world.meshes)
     materials = (world.retro, world.gloss, world.luminous_radiance)
     lights = (world.lights, world.point_lights, world.ambient_radiance, world.sky)
     surroundings = (shapes, lights, materials)

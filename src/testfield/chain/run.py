@@ -17,7 +17,7 @@ from testfield.chain.recipe import recipe_of
 from testfield.chain.truth import Truth
 from testfield.errors import TestfieldError, gather, nearest
 from testfield.registry import ALGORITHMS, find, names
-from testfield.scene import meshes, sky
+from testfield.scene import codes, meshes, sky
 from testfield.scene.changes import Change, folder_name, with_changes
 from testfield.scene.document import Document, load_document
 from testfield.scene.load import load_scene, numbered, scene_from
@@ -164,6 +164,8 @@ def lay_out(run: Run, content: bytes, warnings: list[str]) -> None:
     named = [(meshes.mesh_path(part, scene.folder), meshes.copy_name(part)) for part in scene.meshes]
     if isinstance(around := scene.room.environment, MapPart):
         named.append((sky.map_path(around, scene.folder), sky.copy_name(around)))
+    if scene.code_table is not None:
+        named.append((codes.codes_path(scene.code_table, scene.folder), codes.copy_name(scene.code_table)))
     for source, name in named:  # so that the folder needs nothing outside it
         if source.resolve() != (folder / name).resolve():
             run.ledger.make(name, file_digest(source), partial(shutil.copyfile, source))

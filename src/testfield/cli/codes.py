@@ -13,6 +13,7 @@ def add(commands: Any) -> None:
         "first, in their smallest rotation. With --choose, a set with a large mutual distance.",
     )
     p.add_argument("--bits", type=int, metavar="N", help="segments of the ring: 8, 10, 12, 14, 16 or 20 (default: 14)")
+    p.add_argument("--table", metavar="FILE", help="list and check a maker's own table, or a shipped one by its name")
     p.add_argument("--choose", type=int, metavar="N", help="choose so many numbers instead")
     p.add_argument("--ignore-mirrors", action="store_true", help="do not keep mirrored readings apart as well")
     p.add_argument("--json", action="store_true", help="print one JSON object")
@@ -27,6 +28,8 @@ def act(args: argparse.Namespace) -> int:
     from testfield.targets.code_sets import choose_codes, mirrored, repeats
     from testfield.targets.ring_code import BITS, code_words, number_of_word
 
+    if args.table is not None:
+        return _table(args)
     if args.bits is not None and args.bits not in BITS:
         raise TestfieldError(
             f"ring codes have {', '.join(map(str, BITS))} bits, not {args.bits}", "--bits", "choose one of them"
@@ -59,4 +62,26 @@ def act(args: argparse.Namespace) -> int:
         zip(words.tolist(), other.tolist(), repeats(words, bits).tolist(), strict=True), 1
     ):
         print(f"{number:>6}  {word:0{bits}b}  {wrong:>6}{'  repeats itself' if turns else ''}")
+    return 0
+
+
+def _table(args: argparse.Namespace) -> int:
+    import json
+
+    from testfield.errors import TestfieldError
+    from testfield.targets.code_table import load_code_table, table_path
+
+    if args.bits is not None or args.choose is not None:
+        option = "--bits" if args.bits is not None else "--choose"
+        raise TestfieldError("this option does not apply to a table", option, "leave it out")
+    table = load_code_table(table_path(args.table))
+    mirrored = {a: b for pair in table.mirrored for a, b in (pair, pair[::-1])}
+    words = [f"{word:0{table.bits}b}" for word in table.words]
+    if args.json:
+        print(json.dumps({"bits": table.bits, "count": len(words), "mirrored": table.mirrored} | table.sheet()))
+        return 0
+    print(f"# {len(words)} codes of {table.bits} bits: number, word clockwise, number if read the wrong way round")
+    print(f"# {table.name}; source: {table.source or 'not said'}")
+    for number, word in zip(table.numbers, words, strict=True):
+        print(f"{number:>6}  {word}  {mirrored.get(number, 0):>6}")
     return 0

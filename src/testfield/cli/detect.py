@@ -8,9 +8,9 @@ from typing import Any
 from testfield.store.text import read_text
 
 OF_RUNS = ("jobs",)
-OF_PHOTOGRAPHS = ("radii", "polarity", "bayer", "smallest_px", "out")
+OF_PHOTOGRAPHS = ("radii", "codes", "polarity", "bayer", "smallest_px", "out")
 OF_KINDS = {
-    ("radii",): ("ring",),
+    ("radii", "codes"): ("ring",),
     ("polarity",): ("ring", "circles"),
     ("smallest_px",): ("ring", "circles", "acircles"),
 }
@@ -43,6 +43,7 @@ def add(commands: Any) -> None:
         metavar="A:B:C",
         help="shape of the ring codes: radii of the dot and of the ring's edges (default: 1:2:3)",
     )
+    p.add_argument("--codes", metavar="FILE", help="table of the rings' numbers, or the name of a shipped one")
     way = p.add_mutually_exclusive_group()
     way.add_argument("--white-on-black", dest="polarity", action="store_const", const="white on black")
     way.add_argument("--black-on-white", dest="polarity", action="store_const", const="black on white")
@@ -91,6 +92,7 @@ def _photographs(args: argparse.Namespace) -> int:
     from testfield.detect.target_spec import parse_target
     from testfield.errors import TestfieldError
     from testfield.report.photograph import draw_found, write_found
+    from testfield.targets.code_table import codes_for
     from testfield.targets.marks import USUAL, ring_radii, shape_name
 
     target = parse_target(args.target)
@@ -103,6 +105,7 @@ def _photographs(args: argparse.Namespace) -> int:
         radii = shape_name(ring_radii(radii))
     except ValueError as error:
         raise TestfieldError(str(error), "--radii", "give the radii of dot, ring's inner and outer edge") from error
+    codes = codes_for(args.codes, target.bits, "--codes")
     smallest_px = SMALLEST_PX if args.smallest_px is None else args.smallest_px
     if args.bayer is not None and args.bayer not in ORDERS:
         raise TestfieldError(
@@ -127,7 +130,7 @@ def _photographs(args: argparse.Namespace) -> int:
         if photograph.name in taken:
             count = next(k for k in range(2, len(taken) + 3) if f"{photograph.name}-{k}" not in taken)
             photograph = replace(photograph, name=f"{photograph.name}-{count}")
-        one = detect_in_photograph(photograph, target, radii, polarity, smallest_px)
+        one = detect_in_photograph(photograph, target, radii, polarity, smallest_px, codes)
         refuse_over(args.what, out / f"{photograph.name}.png")
         draw_found(photograph, one, out / f"{photograph.name}.png")
         # Pixels are let go: a hundred photographs need not fit into memory.

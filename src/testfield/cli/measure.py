@@ -72,6 +72,7 @@ def _measure(args: argparse.Namespace) -> int:
     from testfield.report.measured import write_measurement
     from testfield.report.photograph import draw_found
     from testfield.scene.shipped import find_field
+    from testfield.targets.code_table import codes_for
     from testfield.targets.field_file import load_field_file
 
     args.field = find_field(args.field)
@@ -89,6 +90,7 @@ def _measure(args: argparse.Namespace) -> int:
         raise TestfieldError(f"value {args.smallest_px}", "--smallest-px", "give 2 to 200")
     if args.focal_px is not None and not args.focal_px > 0:
         raise TestfieldError(f"value {args.focal_px}", "--focal-px", "give a focal length in pixels")
+    codes = codes_for(field.target.codes, target.bits, f"{args.field}, target.codes", args.field.parent)
     polarity = {None: AUTO, True: ON_BLACK, False: ON_WHITE}[field.target.white_on_black]
     out = args.out or Path("renders/measure")
     say = sys.stderr if args.json else sys.stdout
@@ -108,7 +110,7 @@ def _measure(args: argparse.Namespace) -> int:
         if photograph.name in names:
             count = next(k for k in range(2, len(names) + 3) if f"{photograph.name}-{k}" not in names)
             photograph = replace(photograph, name=f"{photograph.name}-{count}")
-        one = detect_in_photograph(photograph, target, field.target.radii, polarity, args.smallest_px)
+        one = detect_in_photograph(photograph, target, field.target.radii, polarity, args.smallest_px, codes)
         refuse_over(args.images, out / f"{photograph.name}.png")
         draw_found(photograph, one, out / f"{photograph.name}.png")
         print(f"{path.name}: {one.summary}", file=say)

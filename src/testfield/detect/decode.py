@@ -7,8 +7,9 @@ import numpy as np
 from testfield.detect.polar import in_contrasts, values_at
 from testfield.detect.ring_reading import SAMPLES_A_SEGMENT, read_rings
 from testfield.detect.screen import circles, half_axes_of
+from testfield.targets.code_table import CodeTable, numbers_of
 from testfield.targets.marks import RingRadii
-from testfield.targets.ring_code import number_of_word, smallest_rotation
+from testfield.targets.ring_code import smallest_rotation
 
 PLAIN, UNREADABLE, CROWDED, CUT = 0, -1, -2, -3
 """What `decode` says instead of a number: a plain dot; a ring that cannot be read; surroundings that are no target's;
@@ -42,8 +43,10 @@ def decode(
     background_dn: np.ndarray,
     bits: int,
     radii: RingRadii,
+    codes: CodeTable | None = None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Read the rings of n dots from an image (h, w) float32 of bright marks; arguments as in `Centres`.
+    """Read the rings of n dots from an image (h, w) float32 of bright marks; arguments as in `Centres`;
+    `codes` a table of a maker's own, whose words have so many `bits`.
 
     Returns the code (n,): a number, or `PLAIN`, `UNREADABLE`, `CROWDED`, `CUT`; and the affine map (n, 2, 2) from the
     target's plane (x right, y up, in dot radii; the code's first segment begins at +x) to px, NaN where there is no
@@ -56,7 +59,7 @@ def decode(
         rows = slice(start, start + BATCH)
         places = xy_px[rows], half_axes_of(moments_px2[rows])
         seen = _surroundings(image_dn, *places, contrast_dn[rows], background_dn[rows], radii)
-        code[rows], affine[rows], doubt[rows] = _decode(seen, bits)
+        code[rows], affine[rows], doubt[rows] = _decode(seen, bits, codes)
     return code, affine, doubt
 
 
@@ -96,7 +99,7 @@ class _Surroundings:
         return levels[:, :-1], levels[:, -1]
 
 
-def _decode(seen_from: _Surroundings, bits: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _decode(seen_from: _Surroundings, bits: int, codes: CodeTable | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     n = len(seen_from.xy_px)
     code, affine, doubt = np.full(n, CROWDED), np.full((n, 2, 2), np.nan), np.zeros(n)
     with np.errstate(invalid="ignore"):
@@ -108,17 +111,20 @@ def _decode(seen_from: _Surroundings, bits: int) -> tuple[np.ndarray, np.ndarray
         ring = rings.mean(axis=1)
         # What is bright beyond the ring too belongs to a neighbour.
         bright = (ring > 0.5) & ~(outside > 0.5)
-        plain = (bright.sum(axis=1) < 0.7 * TO_SEE) & ((~np.isnan(ring)).mean(axis=1) > 0.5 + 1 / bits)
+        needed = 0.5 + 1 / bits if codes is None or codes.half_tells else 1 - 0.5 / TO_SEE / bits
+        plain = (bright.sum(axis=1) < 0.7 * TO_SEE) & ((~np.isnan(ring)).mean(axis=1) > needed)
         # A disc in the middle of a bright surface is a ring's hole.
         hole = (ring > 0.5).sum(axis=1) > HOLE * np.maximum((~np.isnan(ring)).sum(axis=1), 1)
     code[isolated[plain & ~hole]] = PLAIN
     ringed = isolated[~plain]
     if len(ringed):
-        code[ringed], affine[ringed], doubt[ringed] = _decode_rings(near.only(~plain), bits)
+        code[ringed], affine[ringed], doubt[ringed] = _decode_rings(near.only(~plain), bits, codes)
     return code, affine, doubt
 
 
-def _decode_rings(seen_from: _Surroundings, bits: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _decode_rings(
+    seen_from: _Surroundings, bits: int, codes: CodeTable | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     rings, outside = seen_from.rings(bits * SAMPLES_A_SEGMENT)
     quiet = (np.abs(np.nan_to_num(outside)) < 0.5).mean(axis=1) > 0.85
     circle, radii = seen_from.circle, seen_from.radii
@@ -127,10 +133,10 @@ def _decode_rings(seen_from: _Surroundings, bits: int) -> tuple[np.ndarray, np.n
     margin, error, contrast, misplaced = marks.T
     doubt = misplaced / (MISPLACED + MISPLACED_PX / shortest_px)
     trust = (contrast > LEAST_LEVEL) & (margin > CLEAR * contrast) & (error < WORST_PROFILE * contrast) & (doubt < 1)
-    number = number_of_word(words, bits)
+    number = numbers_of(words, bits, codes)
     code = np.where((number > 0) & trust & quiet, number, UNREADABLE)
     code = np.where(np.isnan(rings).any(axis=(1, 2)), CUT, code)
-    turn = 2 * np.pi / bits * (begins / SAMPLES_A_SEGMENT + _first_segment(words, bits))
+    turn = 2 * np.pi / bits * (begins / SAMPLES_A_SEGMENT + _first_segment(words, number, bits, codes))
     c, s = np.cos(turn), np.sin(turn)
     upright = np.stack([np.stack([c, s], -1), np.stack([s, -c], -1)], -2)  # rotation after turning y up into y down
     return code, np.where((code > 0)[:, None, None], circle @ upright, np.nan), doubt
@@ -160,8 +166,12 @@ def _surroundings(
     return _Surroundings(image_dn, xy_px, circle, ground, contrast, gap, radii)
 
 
-def _first_segment(words: np.ndarray, bits: int) -> np.ndarray:
-    """(n,) which segment as read begins the smallest rotation, the first where more than one does."""
+def _first_segment(words: np.ndarray, number: np.ndarray, bits: int, codes: CodeTable | None) -> np.ndarray:
+    """(n,) which segment as read begins the word as printed, the first where more than one does; of words that are no
+    code's that which begins the smallest rotation."""
     mask = np.uint32((1 << bits) - 1)
     turned = np.stack([((words << np.uint32(k)) | (words >> np.uint32(bits - k))) & mask for k in range(bits)], axis=1)
-    return np.argmax(turned == smallest_rotation(words, bits)[:, None], axis=1)
+    printed = smallest_rotation(words, bits)
+    if codes is not None and (number > 0).any():
+        printed[number > 0] = codes.word_of_number(number[number > 0])
+    return np.argmax(turned == printed[:, None], axis=1)

@@ -27,9 +27,10 @@ from testfield.detect.screen import may_be_dots
 from testfield.detect.square_boards import detect_squares
 from testfield.detect.targets import Targets
 from testfield.registry import find
+from testfield.targets.code_table import CodeTable, words_of
 from testfield.targets.field import Field
 from testfield.targets.marks import RingRadii
-from testfield.targets.ring_code import repeats, word_of_number
+from testfield.targets.ring_code import repeats
 
 LARGEST_PX = 210.0
 NO_OPTIONS: Mapping[str, Any] = MappingProxyType({})
@@ -82,6 +83,7 @@ def detect(
         options=options,
         finder=finder,
         decoder=decoder,
+        codes=field.codes,
     )
     good = targets.status == MEASURED
     n = len(targets.status)
@@ -119,8 +121,10 @@ def measure_targets(
     options: Mapping[str, Any] = NO_OPTIONS,
     finder: Callable | None = None,
     decoder: Callable | None = None,
+    codes: CodeTable | None = None,
 ) -> Targets:
     """Find, centre and decode in an image (h, w) float32 of bright marks; `bits` None: plain dots, rings are not read.
+    `codes`: the rings' numbers in a table of a maker's own, whose words have so many bits.
 
     `by_contour`: whether a dot is whole is asked of its edge alone, not of every pixel. Photographs need it, whose
     shadows cross dots and whose noise is only estimated; what the model leaves unexplained then widens the covariance.
@@ -177,9 +181,10 @@ def measure_targets(
         hollow &= status == "not an ellipse"
         read = good | (status == "saturated") | hollow
         dots = (centres.xy_px, centres.moments_px2, centres.contrast_dn, centres.background_dn)
-        asked_of = (image, *(values[read] for values in dots), bits, radii)
+        xy_px, moments_px2, contrast_dn, background_dn = (values[read] for values in dots)
+        asked_of = (image, xy_px, moments_px2, contrast_dn, background_dn, bits, radii)
         if decoder is None:
-            code[read], affine[read], doubt[read] = decode(*asked_of)
+            code[read], affine[read], doubt[read] = decode(*asked_of, codes)
         else:
             code[read] = numbers_of(decoder(*asked_of), int(read.sum()))
         # A dot may have a hole or a cross in its middle where its ring can be read, which vouches for it.
@@ -189,7 +194,7 @@ def measure_targets(
         good = status == MEASURED
         # Somebody else's numbers say nothing of where a ring's segments are.
         number = np.flatnonzero(code > 0) if decoder is None else np.zeros(0, int)
-        words = word_of_number(code[number], bits)
+        words = words_of(code[number], bits, codes)
         rows = number[good[number]]
         if centroid == ROUGH:  # who asks for it is in a hurry
             rows = rows[_asked(doubt[rows])]

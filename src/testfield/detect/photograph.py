@@ -16,6 +16,7 @@ from testfield.detect.opencv_boards import detect_board
 from testfield.detect.photo_corners import measure_read
 from testfield.detect.target_spec import TargetSpec
 from testfield.detect.targets import Targets
+from testfield.targets.code_table import CodeTable
 from testfield.targets.marks import USUAL, ring_radii, shape_name
 
 ON_BLACK, ON_WHITE, AUTO = "white on black", "black on white", "auto"
@@ -71,9 +72,11 @@ def detect_in_photograph(
     radii: str = USUAL,
     polarity: str = AUTO,
     smallest_px: float = SMALLEST_PX,
+    codes: CodeTable | None = None,
 ) -> Found:
     """Everything of one kind in one photograph. `radii` the rings' shape, as 1:2:3; `polarity` one of the three; dots
-    of less than `smallest_px` diameter are not looked for. An image that shows nothing gives an empty result."""
+    of less than `smallest_px` diameter are not looked for. An image that shows nothing gives an empty result. `codes`
+    is the table of the rings' numbers where it is not that of their bits."""
     if target.kind not in ("ring", "circles"):
         board = _of_board(photograph, target, smallest_px)
         if not len(board.observations):
@@ -81,7 +84,7 @@ def detect_in_photograph(
             board = replace(board, notes=(*board.notes, *exposure(photograph), *seen))
         return board
     ways = (ON_BLACK, ON_WHITE) if polarity == AUTO else (polarity,)
-    found = [_dots(photograph, target, way, radii, smallest_px) for way in ways]
+    found = [_dots(photograph, target, way, radii, smallest_px, codes) for way in ways]
     best = max(found, key=_worth)
     shown = (best.observations.code > 0).any() or (best.place >= 0).any()
     return best if shown else replace(best, notes=(*best.notes, *exposure(photograph)))
@@ -101,7 +104,14 @@ def _worth(found: Found) -> tuple[int, ...]:
     )
 
 
-def _dots(photograph: Photograph, target: TargetSpec, polarity: str, radii: str, smallest_px: float) -> Found:
+def _dots(
+    photograph: Photograph,
+    target: TargetSpec,
+    polarity: str,
+    radii: str,
+    smallest_px: float,
+    codes: CodeTable | None = None,
+) -> Found:
     image, sheet = photograph.pixels, estimate_sheet(photograph.pixels, photograph.bits, photograph.end_dn)
     middle = float(np.median(image))
     noise = float(np.sqrt(sheet.variance_dn2(np.array(middle))))
@@ -110,7 +120,7 @@ def _dots(photograph: Photograph, target: TargetSpec, polarity: str, radii: str,
         sheet = InvertedSheet(sheet.gain_e_per_dn, sheet.read_noise_e, 0.0, sheet.bits, sheet.full_well_e)
         image = sheet.largest_dn - image
     bits, shape = target.bits if target.kind == "ring" else None, ring_radii(radii)
-    targets = measure_targets(image, sheet, "ellipse_model", smallest_px, bits, shape, by_contour=True)
+    targets = measure_targets(image, sheet, "ellipse_model", smallest_px, bits, shape, by_contour=True, codes=codes)
     place = np.full((len(targets.code), 2), -1)
     if target.kind == "circles":
         place = _grid_places(targets, target)

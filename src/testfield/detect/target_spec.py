@@ -36,8 +36,8 @@ def parse_target(text: str, where: str = "--target") -> TargetSpec:
     kind, *rest = text.strip().split(":")
     ring = re.fullmatch(r"ring(\d+)", kind)
     if ring and not rest:
-        if int(ring[1]) not in BITS:
-            raise _wrong(text, where, f"ring codes have {', '.join(map(str, BITS))} bits")
+        if not 6 <= int(ring[1]) <= 24:
+            raise _wrong(text, where, f"ring codes have {', '.join(map(str, BITS))} bits, with a table 6 to 24")
         return TargetSpec("ring", bits=int(ring[1]))
     try:
         if kind == "circles" and not rest:

@@ -8,6 +8,7 @@ from typing import Any
 
 from testfield.errors import TestfieldError
 from testfield.measure.recipe import Recipe
+from testfield.scene import codes
 from testfield.scene.document import load_document
 from testfield.scene.meshes import COPIES as MESHES
 from testfield.scene.sky import COPY as SKY
@@ -49,7 +50,10 @@ class Case:
         meshes, around = self.scene.get("meshes"), (self.scene.get("room") or {}).get("environment")
         named = [(f"{MESHES}/{one['name']}", one["file"]) for one in meshes or [] if {"name", "file"} <= one.keys()]
         named += [(SKY, around["file"])] if isinstance(around, dict) and "file" in around else []
-        return {f"{copy}{Path(file).suffix}": self.folder / file for copy, file in named}
+        files = {f"{copy}{Path(file).suffix}": self.folder / file for copy, file in named}
+        if isinstance(table := self.scene.get("code_table"), str):
+            files[codes.copy_name(table)] = codes.codes_path(table, self.folder)
+        return files
 
 
 def case(

@@ -15,20 +15,26 @@ from testfield.render.footprint import half_plane, quarter_plane
 from testfield.render.lookup import bin_of
 from testfield.render.variant import mitsuba
 from testfield.scene.world import Dirt, Panels, Print, TrueMarks
-from testfield.targets.ring_code import word_of_number
+from testfield.targets.code_table import CodeTable, words_of
 
 
 class PatternTables:
     """Look-up tables on the device: panels, marks, and for each panel a grid of cells that lists nearby marks."""
 
     def __init__(
-        self, panels: Panels, marks: TrueMarks, bits: int, dirt: Dirt | None = None, prints: tuple[Print, ...] = ()
+        self,
+        panels: Panels,
+        marks: TrueMarks,
+        bits: int,
+        dirt: Dirt | None = None,
+        prints: tuple[Print, ...] = (),
+        codes: CodeTable | None = None,
     ):
         mi = mitsuba()
         self.bits, self.ring = bits, marks.radii
         extent = marks.printed_radius_mm
         words = np.zeros(len(marks), np.uint32)
-        words[marks.code > 0] = word_of_number(marks.code[marks.code > 0], bits)
+        words[marks.code > 0] = words_of(marks.code[marks.code > 0], bits, codes)
         cells = [
             _cells(size, marks.xy_mm, extent, np.flatnonzero((marks.panel == k) & ~marks.corner))
             for k, size in enumerate(panels.size_mm)

@@ -128,7 +128,9 @@ def build_stage(world: World, flash_at: int | None = None) -> Stage:
     for k in range(len(world.panels)):
         table[numbers[f"panel{k:05d}"]], is_panel[numbers[f"panel{k:05d}"]] = k, 1
     texture.panel_of_shape = mi.UInt32(table)
-    texture.tables = PatternTables(world.panels, world.marks, world.field.bits, world.dirt, world.prints)
+    texture.tables = PatternTables(
+        world.panels, world.marks, world.field.bits, world.dirt, world.prints, world.field.codes
+    )
     if world.panels.bent.any():
         texture.bent = BentPanels(world.panels)
     bodies = tuple(numbers[f"mesh{k:05d}"] for k in range(len(world.meshes)))

@@ -10,6 +10,7 @@ from testfield.scene import generators
 from testfield.scene.assembly import Assembly, marks_of, panels_of
 from testfield.scene.bend import curvature_of, extent_mm
 from testfield.scene.board_parts import BoardPart, ExtensionZone, RecognitionZone
+from testfield.scene.codes import codes_of
 from testfield.scene.frames import along, facing
 from testfield.scene.meshes import load_meshes
 from testfield.scene.nominal import nominal_board, with_certified_poses
@@ -50,7 +51,8 @@ def build_world(scene: SceneFile, workshop: int | None = None) -> World:
     """
     seed, made = scene.seed, scene.seed if workshop is None else workshop
     scale_error = 1e-6 * scene.u_print_scale_ppm * normals(made, "print_scale", 1)[0, 0]
-    parts, radii = Assembly(scene), ring_radii(scene.code_radii)
+    parts, radii, codes = Assembly(scene), ring_radii(scene.code_radii), codes_of(scene)
+    bits = scene.code_bits if codes is None else codes.bits
 
     boards, board_R, board_t, keep_clear = [], [], [], []
     spots: list[tuple] = []
@@ -62,7 +64,7 @@ def build_world(scene: SceneFile, workshop: int | None = None) -> World:
             )
         except ValueError as error:
             raise TestfieldError(str(error), f"boards[{k}].normal") from error
-        nominal = nominal_board(board, scene.code_bits, k)
+        nominal = nominal_board(board, bits, k)
         axis_rad = np.radians(board.bow_axis_deg)
         curvature = curvature_of(board.bow_mm, extent_mm(board.size_mm, axis_rad))
         if curvature * board.thickness_mm >= 1:
@@ -177,7 +179,7 @@ def build_world(scene: SceneFile, workshop: int | None = None) -> World:
     sky = None if scene.room.environment is None else sky_of(scene.room.environment, "room.environment", scene.folder)
     names, station_R, station_t = generators.stations(scene.stations, seed)
     field = Field(
-        scene.code_bits,
+        bits,
         tuple(boards),
         tuple(bars),
         loose,
@@ -186,6 +188,7 @@ def build_world(scene: SceneFile, workshop: int | None = None) -> World:
         scene.code_radii,
         measuring_lines=tuple(lines),
         cameras=(CameraSheet(DEFAULT_CAMERA, scene.camera.width_px, scene.camera.height_px, scene.camera.lens),),
+        codes=codes,
     )
     return World(
         name=scene.name,

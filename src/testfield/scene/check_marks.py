@@ -34,17 +34,20 @@ def unique_names(scene: SceneFile, source: str) -> None:
 
 def codes_exist_and_differ(scene: SceneFile, world: World, source: str) -> None:
     """Refuse numbers that no code has, and such as occur twice."""
-    last = len(code_words(scene.code_bits))
+    codes = world.field.codes
+    known = np.arange(1, len(code_words(scene.code_bits)) + 1) if codes is None else np.array(codes.numbers)
     owners: dict[int, str] = {}
     for code, panel in zip(world.marks.code, world.marks.panel, strict=True):
         if code == 0:
             continue
         owner = world.panels.name[panel]
-        if code > last:
+        if code not in known:
             raise TestfieldError(
                 f"code number {code} does not exist",
                 f"{source}, {owner}",
-                f"{scene.code_bits}-bit codes are numbered 1 to {last}",
+                f"{scene.code_bits}-bit codes are numbered 1 to {known[-1]}"
+                if codes is None
+                else f"{codes.title} has the {len(known)} numbers {known[0]} to {known[-1]}",
             )
         if code in owners:
             raise TestfieldError(

@@ -99,6 +99,9 @@ class SceneFile(Part):
         None, ge=0, description="Seed of the sensor's noise, for other images of the same world; absent, `seed`."
     )
     code_bits: Literal[8, 10, 12, 14, 16, 20] = Field(14, description="Segments of every ring code.")
+    code_table: str | None = Field(
+        None, description="File of another table of ring codes than those of `code_bits`, or the name of a shipped one."
+    )
     code_radii: RingShape = Field(
         USUAL, description="Radii of every ring code: dot, ring's inner edge, ring's outer edge, as 1:2:3."
     )

@@ -13,8 +13,10 @@ from testfield.store.sheets import FORMAT, checked, read_json, unique
 from testfield.store.text import write_text
 from testfield.targets.board_pattern import BoardPattern, dictionary
 from testfield.targets.camera_sheet import CameraSheet, RigSheet, cameras_of, tables_of
+from testfield.targets.code_table import CodeTable, of_sheet
 from testfield.targets.field_sheets import BoardSheet, FieldSheet
 from testfield.targets.marks import USUAL, Marks, RingRadii, ring_radii
+from testfield.targets.ring_code import BITS
 
 
 @dataclass(frozen=True)
@@ -90,7 +92,7 @@ class Field:
     """The field sheet.
 
     `u_scale` is the relative standard uncertainty of the scale all boards share (printing, temperature);
-    `code_radii` names the rings' shape, as 1:2:3;
+    `code_radii` names the rings' shape, as 1:2:3; `codes` is a table of a maker's own, absent that of so many `bits`;
     `loose` maps the code of each coded target that belongs to no board to its dot diameter in mm; `cameras` and the
     `rigs` that hold some of them are those that took the images.
     """
@@ -105,6 +107,7 @@ class Field:
     measuring_lines: tuple[MeasuringLine, ...] = ()
     cameras: tuple[CameraSheet, ...] = ()
     rigs: tuple[RigSheet, ...] = ()
+    codes: CodeTable | None = None
 
     @property
     def moving(self) -> tuple[int, ...]:
@@ -169,6 +172,7 @@ class Field:
             "format": FORMAT,
             "bits": self.bits,
             "code_radii": self.code_radii,
+            **({"codes": self.codes.sheet()} if self.codes else {}),
             "white_on_black": self.white_on_black,
             "u_scale": self.u_scale,
             "boards": boards,
@@ -187,6 +191,11 @@ class Field:
         boards = tuple(_board(b, sheet.bits) for b in sheet.boards)
         bars = tuple(ScaleBar(b.name, b.role, b.codes, b.length_mm, b.u_length_mm, b.moved) for b in sheet.scale_bars)
         lines = tuple(MeasuringLine(v.name, v.codes, v.length_mm, v.u_length_mm) for v in sheet.measuring_lines)
+        codes = None if sheet.codes is None else of_sheet(sheet.codes.model_dump())
+        if codes is None and sheet.bits not in BITS:
+            raise ValueError(f"ring codes of {sheet.bits} bits need a table, codes")
+        if codes is not None and codes.bits != sheet.bits:
+            raise ValueError(f"bits is {sheet.bits}, and the words of codes have {codes.bits}")
         for what, named in (("board", boards), ("bar", bars), ("measuring line", lines)):
             unique([one.name for one in named], what)
         cameras, rigs = cameras_of(sheet.cameras, sheet.rigs)
@@ -201,6 +210,7 @@ class Field:
             measuring_lines=lines,
             cameras=cameras,
             rigs=rigs,
+            codes=codes,
         )
 
 

@@ -34,6 +34,7 @@ class TargetPart(_Part):
 
     kind: str = Field(description="ring14 and the like, or circles:10x8.")
     radii: RingShape = Field(USUAL, description="Shape of the ring codes, as 1:2:3.")
+    codes: str | None = Field(None, description="Table of the rings' numbers: a file, or the name of a shipped one.")
     white_on_black: bool | None = Field(None, description="Bright dots on dark ground; absent, whichever is found.")
     diameter_mm: float | None = Field(None, gt=0, description="Diameter of all dots that are not listed.")
     diameters_mm: dict[PositiveInt, PositiveFloat] = Field(default_factory=dict, description="Diameters by code.")

@@ -69,10 +69,17 @@ class _LineSheet(Sheet):
         return self
 
 
+class _CodesSheet(Sheet):
+    name: str = ""
+    source: str = ""
+    number: list[Count]
+    word: list[str]
+
+
 class FieldSheet(Sheet):
     """A field sheet."""
 
-    bits: Literal[8, 10, 12, 14, 16, 20]
+    bits: Annotated[int, pydantic.Field(ge=6, le=24)]
     code_radii: RingShape = USUAL  # sheets of before there was a choice
     white_on_black: bool
     u_scale: Annotated[float, pydantic.Field(ge=0, le=1)]
@@ -82,3 +89,4 @@ class FieldSheet(Sheet):
     measuring_lines: tuple[_LineSheet, ...] = ()
     cameras: tuple[CameraTable, ...] = ()
     rigs: tuple[RigTable, ...] = ()
+    codes: _CodesSheet | None = None
