@@ -10,7 +10,7 @@ from testfield.cli.main import main, parser
 from testfield.errors import TestfieldError
 from testfield.evaluate.compared import Until
 from testfield.evaluate.comparison import Comparison, Factor, recipes_of
-from testfield.evaluate.comparison_cases import cases_of
+from testfield.evaluate.comparison_cases import cases_of, noise_of
 from testfield.evaluate.execute import run_name, run_of
 from testfield.evaluate.keys import case_key
 from testfield.evaluate.known_rows import BROKEN, TRUTH
@@ -174,3 +174,11 @@ def test_a_recipe_with_an_unknown_option_is_named(folder: Path, capsys: pytest.C
     assert main(["compare", str(folder / "comparison.toml"), "--out", str(folder / "out")]) == 2
     said = capsys.readouterr().err
     assert "own.toml" in said and "treshold" in said and len(said.strip().splitlines()) == 1
+
+
+def test_scenes_with_stations_of_the_same_names_meet_noise_of_their_own() -> None:
+    """Pooled over scenes, draws count as independent; changes of one scene and all recipes share theirs."""
+    seeds = {noise_of(scene, draw) for scene in ("near", "far", "dim") for draw in range(1, 50)}
+    assert len(seeds) == 3 * 49
+    assert all(0 <= seed < 2**31 for seed in seeds)
+    assert noise_of("near", 7) == noise_of("near", 7)

@@ -83,7 +83,9 @@ def test_the_three_ways_of_the_page_lead_into_one_comparison(
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode in (0, 1), done.stderr
     rows = pd.read_parquet("compared/results.parquet").set_index("recipe")
-    assert FAILURE not in rows or rows[FAILURE].isna().all(), rows[FAILURE].dropna().tolist()
+    # The brightest pixel is half a pixel off and may be too far off for a calibration, as the noise has it.
+    failed = rows[FAILURE].dropna().drop("brightest", errors="ignore") if FAILURE in rows else pd.Series()
+    assert failed.empty, failed.tolist()
     rms = rows["detection.centre_rms_px"]
     assert rms["brightest"] > 0.3
     assert rms["dots"] < 0.1 and rms["elsewhere"] == pytest.approx(rms["dots"], rel=1e-9)

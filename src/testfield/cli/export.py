@@ -38,16 +38,21 @@ def act(args: argparse.Namespace) -> int:
     from testfield.chain.export import STAGES, export_run
     from testfield.cli.show import jobs_of, seed_of_option, show_warnings
     from testfield.errors import TestfieldError
+    from testfield.evaluate.comparison_cases import noise_of
+    from testfield.scene.load import load_scene
+    from testfield.scene.shipped import find_scene
 
     if args.draws is not None and args.noise_seed is not None:
         raise TestfieldError("draws have noise seeds of their own", "--noise-seed", "leave it or --draws out")
     if args.draws is not None and args.draws < 1:
         raise TestfieldError(f"value {args.draws}", "--draws", "give 1 or more")
     seed, noise_seed = seed_of_option("--seed", args.seed), seed_of_option("--noise-seed", args.noise_seed)
-    draws = [noise_seed] if args.draws is None else list(range(1, args.draws + 1))
+    draws = [None] if args.draws is None else list(range(1, args.draws + 1))
+    name = load_scene(find_scene(args.scene)).name
     for k, draw in enumerate(draws):
         warn = show_warnings if not k else lambda _: None
-        run, _ = complete(args.scene, None, seed, draw, jobs_of(args.jobs), False, warn, STAGES)
+        noise = noise_seed if draw is None else noise_of(name, draw)
+        run, _ = complete(args.scene, None, seed, noise, jobs_of(args.jobs), False, warn, STAGES)
         out = args.out or run.folder.parent / f"{run.scene.name}-export"
         folder = out if args.draws is None else out / f"noise{draw}"
         export_run(run, folder)

@@ -13,6 +13,7 @@ from testfield.evaluate.case import Case, case, changed
 from testfield.evaluate.comparison import Comparison, Factor
 from testfield.evaluate.known_rows import BROKEN, TRUTH
 from testfield.scene.load import load_scene, parse_scene
+from testfield.seeds import seed_of
 
 UNKNOWN = "unknown field"
 """What is said of a field that a scene's schema does not have."""
@@ -51,8 +52,9 @@ def cases_of(comparison: Comparison) -> list[Case]:
             for recipe in (*recipes[first:], *recipes[:first]):
                 labels = setup.labels | {"draw": draw, "recipe": recipe.name}
                 options = {"until": comparison.until.value}
+                noise_seed = noise_of(setup.labels["scene"], draw)
                 found.append(
-                    replace(setup.base, labels=labels, options=options, noise_seed=draw, recipe=recipe, work=WORK)
+                    replace(setup.base, labels=labels, options=options, noise_seed=noise_seed, recipe=recipe, work=WORK)
                 )
         if setup.labels["scene"] not in begun:
             begun.add(setup.labels["scene"])
@@ -60,6 +62,12 @@ def cases_of(comparison: Comparison) -> list[Case]:
                 labels = setup.labels | {"draw": 0, "recipe": kind}
                 found.append(replace(setup.base, labels=labels, options={"sanity": kind}, work=WORK))
     return found
+
+
+def noise_of(scene: str, draw: int) -> int:
+    """The noise seed of a scene's draw: the same for every recipe and every change of the scene, and another one for
+    every other scene, since scenes count as independent even where their stations have the same names."""
+    return seed_of(draw, f"noise/{scene}") & 0x7FFFFFFF
 
 
 def setups_of(comparison: Comparison) -> list[Setup]:
