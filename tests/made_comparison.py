@@ -98,10 +98,12 @@ def _row(rng: np.random.Generator, at: np.ndarray, error: np.ndarray, marks: int
     }
 
 
-def made_page(comparison: Comparison, folder: Path, floor_px: float | None = 0.001) -> tuple[Path, Compared]:
-    """The page of such a comparison, and what it concludes."""
+def made_page(
+    comparison: Comparison, folder: Path, floor_px: float | None = 0.001, rows: pd.DataFrame | None = None
+) -> tuple[Path, Compared]:
+    """The page of such a comparison, or of other `rows` of it, and what it concludes."""
     names = [recipe.name for recipe in comparison.recipes]
-    compared = conclude(made_rows(comparison), names, comparison.matters)
+    compared = conclude(made_rows(comparison) if rows is None else rows, names, comparison.matters)
     certificate = None if floor_px is None else {"centre_floor_px": floor_px, "valid": True}
     floor = Floor.of(certificate, compared.ground_um_per_px)
     made = {"command that repeats it": "testfield compare made.toml", "processor": "none"}

@@ -6,10 +6,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
-from made_comparison import APERTURE, made_comparison, made_page
+from made_comparison import APERTURE, made_comparison, made_page, made_rows
 
 from testfield.evaluate.compare import Compared
+from testfield.evaluate.paired import Word
 
 CHROMIUM = shutil.which("chromium")
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium here; .ci/setup installs it")
@@ -174,3 +176,18 @@ def test_on_paper_there_are_drawings_and_whole_tables(page: Any, made: tuple[Pat
 def test_ten_recipes_on_ten_scenes_take_less_than_five_megabytes(tmp_path: Path) -> None:
     path, _ = made_page(made_comparison(10, 10, 2, (APERTURE,)), tmp_path)
     assert path.stat().st_size < 5e6
+
+
+@pytest.mark.parametrize("dead", [(1,), (2,), (1, 2, 3)])
+def test_recipes_without_any_result_leave_a_page_that_says_so(tmp_path: Path, dead: tuple[int, ...]) -> None:
+    comparison = made_comparison(4, 2, 3)
+    rows = made_rows(comparison)
+    of_dead = rows.recipe.isin([comparison.recipes[k].name for k in dead])
+    for name in rows.columns.difference(["scene", "factor", "level", "draw", "recipe"]):
+        rows.loc[of_dead, name] = np.nan if rows[name].dtype.kind in "fiu" else None
+    rows.loc[of_dead, ["failure", "failure_kind", "failure_stage"]] = ("did not end within 2 s", "timed out", "detect")
+    place, compared = made_page(comparison, tmp_path, rows=rows)
+    first = comparison.recipes[dead[0]].name
+    words = {key: one.word for (recipe, key), one in compared.differences.items() if recipe == first}
+    assert set(words.values()) == {Word.NOTHING}, words
+    assert "did not end within 2 s" in place.read_text(encoding="utf-8")

@@ -20,6 +20,7 @@ from testfield.evaluate.compared import compared_row
 from testfield.evaluate.failures import FAILURE, KIND, STAGE
 from testfield.evaluate.known_rows import BOARDS, BROKEN, KNOWN, SCALE, SHIFT_MM, TRUTH, as_known
 from testfield.evaluate.metrics import CENTRE, CORNER, POINTS
+from testfield.evaluate.rendered import Rendered
 from testfield.measure.outside import Program
 from testfield.measure.programs import run_program
 from testfield.measure.recipe import Algorithm, Recipe
@@ -188,3 +189,23 @@ def test_memory_of_a_program_is_its_own_however_large_we_are_and_others_were(tmp
 def test_the_truth_scores_zero_whatever_a_scene_has(scene: str, tmp_path: Path) -> None:
     run, _ = begin(ROOT / f"scenes/{scene}.toml", tmp_path, None, 1)
     as_they_must(run)
+
+
+def test_results_of_other_images_are_a_failure_in_which_everything_was_missed(
+    tiny: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def of_others(recipe: Recipe, frames: object) -> Recipe:
+        raise TestfieldError("these results are of other images", str(tmp_path), "export again")
+
+    monkeypatch.setattr(compared, "recipe_at", of_others)
+    row = row_of(tiny)
+    assert "of other images" in row[FAILURE] and row[STAGE] == "detect"
+    assert row["detection.missed"] == row["detection.expected"] > 0
+
+
+def test_a_rendered_field_is_measured_by_a_recipe_s_file_too(tiny: Run, tmp_path: Path) -> None:
+    file = tmp_path / "grey.toml"
+    file.write_text('[centroid]\nname = "grey_centroid"\n')
+    field = Rendered(Case({}, noise_seed=3), tiny)
+    assert field.measured(file) == field.measured(str(file)) == field.measured(Recipe.load(file))
+    assert field.measured(file) != field.measured()

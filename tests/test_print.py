@@ -193,8 +193,11 @@ def test_cards_of_all_loose_targets_share_pages_and_none_covers_another() -> Non
 
 def test_what_no_page_holds_and_what_no_printer_draws_is_refused() -> None:
     large = sheet_of(ring_board(9, 9, 40.0))
-    with pytest.raises(TestfieldError, match="--tile"):
+    with pytest.raises(TestfieldError, match="--tile it over pages of A4"):
         pages_of(large, {}, Paper())
+    coded = replace(large.boards[0].marks, code=np.where(large.boards[0].marks.code == 1, 1, 0))
+    with pytest.raises(TestfieldError, match=r"take A2$"):  # no pages of which each has codes
+        pages_of(sheet_of(replace(large.boards[0], marks=coded)), {}, Paper())
     with pytest.raises(TestfieldError, match="dots of a printer"):
         pages_of(large, {}, Paper(tile=True, dpi=60))
     with pytest.raises(TestfieldError, match="coded targets"):

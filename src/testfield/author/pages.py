@@ -19,6 +19,8 @@ PAPERS_MM = {
     "Tabloid": (279.4, 431.8),
 }
 """ISO 216 and ANSI Y14.1, upright."""
+OVERLAP_MM = 10.0
+"""Of the strip on which a neighbour is glued, where nobody says otherwise."""
 CAPTION_MM = 14.0
 """Of every page's lower margin, for the ruler and what the page is."""
 LEAST_CODES = 3
@@ -61,8 +63,25 @@ def one_page(one: Print, paper_mm: np.ndarray, margin_mm: float) -> Page:
     raise TestfieldError(
         f"board '{one.name}' is {width:.4g} x {height:.4g} mm, and the page has room for {room[0]:.4g} x {room[1]:.4g}",
         "--paper",
-        f"take {_fitting(one.size_mm, margin_mm)}, or --tile it over several pages",
+        _advice(one, margin_mm, OVERLAP_MM),
     )
+
+
+def _advice(one: Print, margin_mm: float, overlap_mm: float) -> str:
+    """Which papers hold a print, whole or, where that can be, in parts."""
+    tiled_on = None
+    for name, size in PAPERS_MM.items() if ring_coded(one) else ():
+        for paper_mm in (np.array(size), np.array(size)[::-1]):
+            pages = _tiles(one, paper_mm, margin_mm, overlap_mm)
+            if isinstance(pages, list) and len(pages) > 1:
+                tiled_on = tiled_on or name
+    whole = f"take {_fitting(one.size_mm, margin_mm)}"
+    return f"{whole}, or --tile it over pages of {tiled_on}" if tiled_on else whole
+
+
+def ring_coded(one: Print) -> bool:
+    """Whether a print is a board of dots and ring codes, whose parts are boards too."""
+    return one.board is not None and one.board.pattern is None
 
 
 def usable(paper_mm: np.ndarray, margin_mm: float) -> np.ndarray:
@@ -90,7 +109,7 @@ def tiled(one: Print, paper_mm: np.ndarray, margin_mm: float, overlap_mm: float)
     Cuts keep clear of all marks. Raises `TestfieldError` where that cannot be, where a part would have too few coded
     targets to be known, and for boards of squares, tags or circles in a grid, which are known as wholes only.
     """
-    if one.board is None or one.board.pattern is not None:
+    if not ring_coded(one):
         kind = one.board.pattern.kind if one.board is not None and one.board.pattern is not None else "card"
         raise TestfieldError(
             f"board '{one.name}' is a {kind}, which is found as a whole and cannot be put together from parts",
@@ -100,7 +119,8 @@ def tiled(one: Print, paper_mm: np.ndarray, margin_mm: float, overlap_mm: float)
     choices = [_tiles(one, size, margin_mm, overlap_mm) for size in (paper_mm, paper_mm[::-1])]
     found = [choice for choice in choices if not isinstance(choice, TestfieldError)]
     if not found:
-        raise next(choice for choice in choices if isinstance(choice, TestfieldError))
+        error = next(choice for choice in choices if isinstance(choice, TestfieldError))
+        raise TestfieldError(error.what, error.where, _advice(one, margin_mm, overlap_mm))
     return min(found, key=len)
 
 
@@ -122,7 +142,7 @@ def _tiles(one: Print, paper_mm: np.ndarray, margin_mm: float, overlap_mm: float
                     f"page {len(pages) + 1} of board '{one.name}' would have {codes} coded targets, and it takes "
                     f"{LEAST_CODES} to know a page by them",
                     "--paper",
-                    "take larger paper, or give the board more coded targets, spread over all of it",
+                    "give the board more coded targets, spread over all of it",
                 )
             glue = (column > 0, row > 0)
             # The strip for glue lies beyond the print, on the left and below: the print moves to the right and up.

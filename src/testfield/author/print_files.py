@@ -8,7 +8,7 @@ import numpy as np
 
 from testfield.author.drawn_dxf import as_dxf
 from testfield.author.drawn_page import MOST_PIXELS, as_pdf, as_png, as_svg, pixels
-from testfield.author.pages import CAPTION_MM, Page, one_page, own_page, paper, tiled, usable
+from testfield.author.pages import CAPTION_MM, OVERLAP_MM, Page, one_page, own_page, paper, tiled, usable
 from testfield.author.prints import Print, card_of, prints_of, sectors_of
 from testfield.errors import TestfieldError
 from testfield.store.atomic import whole
@@ -35,7 +35,7 @@ class Paper:
     name: str = "A4"
     margin_mm: float = 5.0
     tile: bool = False
-    overlap_mm: float = 10.0
+    overlap_mm: float = OVERLAP_MM
     dpi: float = 600.0
 
 

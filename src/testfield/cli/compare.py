@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from testfield.evaluate.compare import Compared
     from testfield.evaluate.comparison import Comparison
 
 from testfield.cli.clusters import add_cluster, cluster_of
@@ -68,6 +69,7 @@ def act(args: argparse.Namespace) -> int:
     from testfield.evaluate.compare_tables import differences_table
     from testfield.evaluate.comparison_cases import cases_of
     from testfield.evaluate.execute import execute
+    from testfield.evaluate.paired import Word
     from testfield.evaluate.provenance import provenance
     from testfield.evaluate.worst import crops_of
     from testfield.score.floor import floor_of
@@ -92,7 +94,14 @@ def act(args: argparse.Namespace) -> int:
         found = {"sane": compared.sane, "differences": table.to_dict("records")}
         print(json.dumps(plain(found | {"summary": compared.summary.to_dict("records")})))
     else:
+        print(f"differences from {names[0]}, with 95 % intervals:")
+        for row in compared.summary.itertuples():
+            if row.failed:
+                print(f"{row.recipe} failed in {row.failed} of {row.cases} cases: {_why(compared, row.recipe)}")
         for row in table.itertuples():
+            if row.verdict == Word.NOTHING.value:
+                print(f"{row.verdict:<11} {row.recipe:<18} {row.figure}")
+                continue
             ends = f"{row.low:+.3g} to {row.high:+.3g}"
             print(f"{row.verdict:<11} {row.recipe:<18} {row.figure:<44} {row.difference:+.3g} {row.unit:<3} ({ends})")
         for name, figures in compared.lost_to_broken.items():
@@ -105,6 +114,12 @@ def act(args: argparse.Namespace) -> int:
                 print(f"  scene '{scene}', {row}: {key}", file=sys.stderr)
         print(place)
     return 0 if compared.sane else 1
+
+
+def _why(compared: "Compared", recipe: str) -> str:
+    """What most of a recipe's failed cases said."""
+    said = compared.failures[compared.failures.recipe == recipe]["failure"].dropna()
+    return str(said.mode().iloc[0]) if len(said) else "for no stated reason"
 
 
 def asked_for(args: argparse.Namespace) -> "Comparison":

@@ -162,7 +162,11 @@ def failures_of(rows: pd.DataFrame) -> pd.DataFrame:
     """A row for each case that failed: scene, factor, level, draw, recipe, stage, kind, and why."""
     names = [*SETUP, "draw", "recipe", STAGE, KIND, FAILURE]
     kept = rows[failed(rows) | (_kind(rows) == Kind.NOT_CONVERGED.value)]
-    return kept.assign(**{name: None for name in names if name not in kept})[names].reset_index(drop=True)
+    kept = kept.assign(**{name: None for name in names if name not in kept})[names].reset_index(drop=True)
+    going_on = kept[FAILURE].isna()  # a calibration that has not converged is used all the same
+    return kept.assign(
+        **{STAGE: kept[STAGE].mask(going_on, "calibrate"), FAILURE: kept[FAILURE].mask(going_on, "did not converge")}
+    )
 
 
 def failed(rows: pd.DataFrame) -> pd.Series:

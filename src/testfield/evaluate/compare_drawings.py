@@ -23,7 +23,14 @@ from testfield.store.atomic import whole
 
 COLUMN_IN = 85 / 25.4
 """A column of a journal is 85 mm wide, in inches."""
-COLOURS = {Word.BETTER: ACCENT, Word.WORSE: WARM, Word.EQUIVALENT: INK, Word.OPEN: FAINT, Word.ONE: FAINT}
+COLOURS = {
+    Word.BETTER: ACCENT,
+    Word.WORSE: WARM,
+    Word.EQUIVALENT: INK,
+    Word.OPEN: FAINT,
+    Word.ONE: FAINT,
+    Word.NOTHING: FAINT,
+}
 FONT_PT = 7
 ARROW_PERCENTILE = 90
 

@@ -77,6 +77,8 @@ class Plots:
         for k, name in enumerate(others):
             off = SPREAD * ((len(others) - 1 - k + 0.5) / len(others) - 0.5)
             own = pd.DataFrame([row for row in rows if row["recipe"] == name])
+            if own.empty:
+                continue  # it came to no result anywhere
             own["place"] = [(scene, off) for scene in own.scene]
             finite = own[np.isfinite(own.low) & np.isfinite(own.high)]
             drawn = [

@@ -55,7 +55,11 @@ def compared_row(case: Case, run: Run | None) -> list[dict[str, Any]]:
     recipe = case.recipe or recipe_of(run.scene)
     recipe.check(recipe.name)
     frames = _frames(case, run)
-    asked, recipe = recipe, recipe_at(recipe, frames)
+    asked = recipe
+    try:
+        recipe = recipe_at(recipe, frames)
+    except TestfieldError as error:  # results of other images are a failure of the recipe, which missed everything
+        return [_nothing_found(run, None) | failure_columns(error, Until.DETECT.value) | ground]
     until = Until(case.options.get("until", Until.RECONSTRUCT.value))
     with one_blas_thread():
         _warm_up(asked, frames, run, recipe, until)

@@ -26,6 +26,7 @@ class Word(Enum):
     EQUIVALENT = "equivalent"
     OPEN = "not shown"
     ONE = "one draw"
+    NOTHING = "no result"
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,8 @@ class Difference:
     @property
     def word(self) -> Word:
         """What is said. A difference that is certain but certainly too small to matter is none."""
+        if not self.draws:
+            return Word.NOTHING
         if not self.estimate.freedom > 0:
             return Word.ONE
         if self.chance_equivalent < LEVEL:

@@ -53,8 +53,10 @@ class Rendered:
         """Every figure by its path, measured by the scene's own recipe."""
         return self.measured()
 
-    def measured(self, recipe: Recipe | None = None) -> dict[str, Any]:
-        """Every figure by its path, measured by a recipe (None: the scene's own)."""
+    def measured(self, recipe: Recipe | Path | str | None = None) -> dict[str, Any]:
+        """Every figure by its path, measured by a recipe, or that of a file (None: the scene's own)."""
+        if isinstance(recipe, Path | str):
+            recipe = Recipe.load(Path(recipe))
         return scorecard_row(replace(self.case, recipe=recipe), self.run)[0]
 
     def under(self, noise_seed: int | None) -> "Rendered":
