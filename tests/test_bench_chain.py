@@ -34,6 +34,6 @@ def test_what_is_no_checkout_is_refused_before_anything_runs(tmp_path: Path) -> 
 
 def test_a_run_that_fails_says_so_in_its_own_words(tmp_path: Path) -> None:
     scene = tmp_path / "broken.toml"
-    scene.write_text("name = 3\n")
+    scene.write_text('name = "x"\n')
     with pytest.raises(TestfieldError, match=r"the run failed: .*stations"):
         bench_chain(scene, None, 1, lambda _: None)

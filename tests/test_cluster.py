@@ -65,7 +65,8 @@ def test_a_worker_and_the_scheduler_are_killed_and_the_table_is_the_serial_one(
         many = execute(cases(count, log, 0.05), tmp_path / "many", pool=pool)
     assert following is None
     begun, finished = counted(log, "begun"), counted(log, "done")
-    assert set(finished) == set(range(count)) and max(finished.values()) == 1
+    # A case is done a moment before its result stands; the worker that is killed may be in that moment.
+    assert set(finished) == set(range(count)) and sum(finished.values()) <= count + 1
     assert sum(begun.values()) <= count + 2  # each kill may have met a case at work
     assert f"{count} of {count} cases" in capsys.readouterr().err
     log.unlink()

@@ -46,15 +46,20 @@ def finished(out: Path) -> dict[Path, int]:
     return {path: path.stat().st_mtime_ns for path in paths if not path.name.startswith(".")}
 
 
+def kept_cases(out: Path) -> int:
+    """How many cases stand; a part of a file is none yet."""
+    return sum(path.parent.name == "cases" for path in finished(out))
+
+
 def killed(out: Path, jobs: int, after_s: float = 0.0) -> dict[Path, int]:
     """What was finished when the command was killed with all that it had begun: after a time, or, where none is given,
     once a case is done."""
     process = subprocess.Popen(
         command(out, jobs), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
     )
-    begun, cases = time.monotonic(), len(list(out.glob("cases/*.parquet")))
+    begun, cases = time.monotonic(), kept_cases(out)
     while process.poll() is None and time.monotonic() - begun < (after_s or MOST_S):
-        if not after_s and len(list(out.glob("cases/*.parquet"))) > cases:
+        if not after_s and kept_cases(out) > cases:
             break
         time.sleep(0.02)
     with contextlib.suppress(ProcessLookupError):

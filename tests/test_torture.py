@@ -14,7 +14,7 @@ TORTURE = Path(__file__).parent / "torture"
 
 def tortured(folder: Path, inputs: int, kills: int) -> None:
     pytest.importorskip("hypothesis")
-    count = ["--inputs", str(inputs), "--kills", str(kills), "--pairs", "0"]
+    count = ["--inputs", str(inputs), "--kills", str(kills), "--pairs", "0", "--cluster", "0"]
     command = [sys.executable, str(TORTURE / "run.py"), *count, "--scene", str(TORTURE / "tiny.toml")]
     done = subprocess.run([*command, "--out", str(folder)], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr

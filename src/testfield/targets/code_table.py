@@ -187,7 +187,10 @@ def codes_for(named: str | None, bits: int, where: str, folder: Path = Path()) -
     Raises `TestfieldError` where it is for other rings, or where none is named and there is none for so many bits."""
     if named is None:
         if bits and bits not in BITS:
-            raise TestfieldError(f"rings of {bits} bits have no table of their own", where, f"name one; {SEE}")
+            own = ", ".join(map(str, BITS))
+            raise TestfieldError(
+                f"rings of {bits} bits have no table of their own, as those of {own} have", where, f"name one; {SEE}"
+            )
         return None
     table = load_code_table(table_path(named, folder))
     if table.bits != bits:
