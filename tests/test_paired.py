@@ -86,7 +86,7 @@ def test_one_draw_and_what_gave_no_figure_are_called_so() -> None:
     one = difference([np.array([1.0])], [np.array([2.0])], 0.1)
     assert one.word is Word.ONE and one.estimate.value == 1 and one.estimate.interval() == (-np.inf, np.inf)
     none = difference([np.array([np.nan, 1.0])], [np.array([2.0, np.nan])], 0.1)
-    assert none.draws == 0 and none.word is Word.ONE
+    assert none.draws == 0 and none.word is Word.NOTHING
     some = difference([np.array([1.0, 2.0, np.nan])], [np.array([1.5, 2.5, 9.0])], 0.1)
     assert some.draws == 2 and some.estimate.value == 0.5
 
