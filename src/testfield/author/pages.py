@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from testfield.author.prints import Print, sectors_of
+from testfield.author.prints import Print
 from testfield.errors import TestfieldError
 from testfield.targets.field import NominalBoard
 from testfield.targets.marks import Marks
@@ -23,6 +23,8 @@ OVERLAP_MM = 10.0
 """Of the strip on which a neighbour is glued, where nobody says otherwise."""
 CAPTION_MM = 14.0
 """Of every page's lower margin, for the ruler and what the page is."""
+ROUNDING_MM = 1e-6
+"""By so much a print may be larger than its room."""
 LEAST_CODES = 3
 """Coded targets on a part that is a board of its own: two on one line would leave its dots to chance."""
 
@@ -41,7 +43,6 @@ class Page:
     glue: tuple[bool, bool] = (False, False)
     overlap_mm: float = 0.0
     of: str = ""
-    place: tuple[int, int] = (0, 0)
 
 
 def paper(name: str) -> np.ndarray:
@@ -54,10 +55,9 @@ def paper(name: str) -> np.ndarray:
 
 def one_page(one: Print, paper_mm: np.ndarray, margin_mm: float) -> Page:
     """A print in the middle of a page, upright or across. Raises `TestfieldError` where it is larger."""
-    for size in (paper_mm, paper_mm[::-1]):
-        room = usable(size, margin_mm)
-        if np.all(one.size_mm <= room + 1e-6):
-            return Page(size, one, np.array([0.0, CAPTION_MM / 2]), of=one.name)
+    held_by = upright_or_across(one.size_mm, paper_mm, margin_mm)
+    if held_by is not None:
+        return Page(held_by, one, np.array([0.0, CAPTION_MM / 2]), of=one.name)
     width, height = one.size_mm
     room = usable(paper_mm, margin_mm)
     raise TestfieldError(
@@ -89,11 +89,16 @@ def usable(paper_mm: np.ndarray, margin_mm: float) -> np.ndarray:
     return np.asarray(paper_mm - 2 * margin_mm - [0, CAPTION_MM])
 
 
+def upright_or_across(size_mm: np.ndarray, paper_mm: np.ndarray, margin_mm: float) -> np.ndarray | None:
+    """The paper (2,) as it holds a print of that size, upright if it does; None where it does not."""
+    ways = (paper_mm, paper_mm[::-1])
+    return next((way for way in ways if np.all(size_mm <= usable(way, margin_mm) + ROUNDING_MM)), None)
+
+
 def _fitting(size_mm: np.ndarray, margin_mm: float) -> str:
-    for name, (width, height) in PAPERS_MM.items():
-        for paper_mm in ((width, height), (height, width)):
-            if np.all(size_mm <= usable(np.array(paper_mm), margin_mm)):
-                return name
+    for name, paper_mm in PAPERS_MM.items():
+        if upright_or_across(size_mm, np.array(paper_mm), margin_mm) is not None:
+            return name
     return "a plotter's PDF, SVG or DXF with --paper board"
 
 
@@ -147,7 +152,7 @@ def _tiles(one: Print, paper_mm: np.ndarray, margin_mm: float, overlap_mm: float
             glue = (column > 0, row > 0)
             # The strip for glue lies beyond the print, on the left and below: the print moves to the right and up.
             shift = np.array([overlap_mm / 2 * glue[0], CAPTION_MM / 2 + overlap_mm / 2 * glue[1]])
-            pages.append(Page(paper_mm, part, shift, len(pages) + 1, count, glue, overlap_mm, one.name, (column, row)))
+            pages.append(Page(paper_mm, part, shift, len(pages) + 1, count, glue, overlap_mm, one.name))
     return pages
 
 
@@ -182,6 +187,4 @@ def _part(one: Print, low: np.ndarray, high: np.ndarray, name: str) -> Print:
     marks = Marks(one.marks.xy_mm[own] - middle, one.marks.diameter_mm[own], one.marks.code[own], one.marks.bits)
     assert one.board is not None
     board = NominalBoard(name, marks, one.board.u_xy_mm, one.board.u_z_mm)
-    return replace(
-        one, name=name, size_mm=high - low, marks=marks, sectors=sectors_of(marks, one.radii, one.codes), board=board
-    )
+    return replace(one, name=name, size_mm=high - low, marks=marks, board=board)

@@ -8,8 +8,18 @@ import numpy as np
 
 from testfield.author.drawn_dxf import as_dxf
 from testfield.author.drawn_page import MOST_PIXELS, as_pdf, as_png, as_svg, pixels
-from testfield.author.pages import CAPTION_MM, OVERLAP_MM, Page, one_page, own_page, paper, tiled, usable
-from testfield.author.prints import Print, card_of, prints_of, sectors_of
+from testfield.author.pages import (
+    CAPTION_MM,
+    OVERLAP_MM,
+    Page,
+    one_page,
+    own_page,
+    paper,
+    tiled,
+    upright_or_across,
+    usable,
+)
+from testfield.author.prints import Print, card_of, prints_of
 from testfield.errors import TestfieldError
 from testfield.store.atomic import whole
 from testfield.store.digests import file_digest
@@ -49,7 +59,7 @@ def pages_of(sheet: Field, sizes_mm: dict[str, tuple[float, float]], how: Paper)
         check_dpi(one, how.dpi)
         if how.name == OWN:
             pages.append(own_page(one, how.margin_mm))
-        elif how.tile and not _fits(one, how):
+        elif how.tile and upright_or_across(one.size_mm, paper(how.name), how.margin_mm) is None:
             pages += tiled(one, paper(how.name), how.margin_mm, how.overlap_mm)
         else:
             pages.append(one_page(one, paper(how.name), how.margin_mm))
@@ -143,11 +153,6 @@ def write(
     return written
 
 
-def _fits(one: Print, how: Paper) -> bool:
-    sizes = paper(how.name), paper(how.name)[::-1]
-    return any(bool(np.all(one.size_mm <= usable(size, how.margin_mm) + 1e-6)) for size in sizes)
-
-
 def _together(placed: list[tuple[Print, np.ndarray]], paper_mm: np.ndarray, room: np.ndarray, sheet: Field) -> Page:
     """Cards as one print, from the top left of the room on."""
     middles = np.array([[x - room[0] / 2, room[1] / 2 - y] for _, (x, y) in placed])
@@ -159,7 +164,6 @@ def _together(placed: list[tuple[Print, np.ndarray]], paper_mm: np.ndarray, room
         size_mm=room,
         white_on_black=sheet.white_on_black,
         marks=marks,
-        sectors=sectors_of(marks, sheet.radii, sheet.codes),
         codes=sheet.codes,
         radii=sheet.radii,
         cards=np.column_stack([middles - half, middles + half]),

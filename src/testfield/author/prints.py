@@ -1,13 +1,14 @@
 """What is printed on a board or a card, as a field sheet knows it: shapes in mm about the middle, x right, y up."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from testfield.targets.board_pattern import Cells
 from testfield.targets.code_table import CodeTable, words_of
 from testfield.targets.field import Field, NominalBoard
-from testfield.targets.marks import Marks, RingRadii
+from testfield.targets.marks import RADII, USUAL, Marks, RingRadii
 
 BORDER = 0.5
 """Of ground around a dot, in radii: less, and its edge is another's."""
@@ -29,20 +30,24 @@ class Print:
     """What is printed on an area of `size_mm` (2,), named after its board.
 
     `white_on_black`: marks are white and the area black, else the other way round; squares and tags (`cells`) are black
-    on white. `marks` are its circles with their codes, `sectors` the rings' bright parts; `board` is the sheet's;
-    `cards` (k, 4) are the areas of several targets, each of which has its own.
+    on white. `marks` are its circles with their codes, whose rings have the shape `radii` and the words of `codes`;
+    `board` is the sheet's; `cards` (k, 4) are the areas of several targets, each of which has its own.
     """
 
     name: str
     size_mm: np.ndarray
     white_on_black: bool
     marks: Marks
-    sectors: tuple[Sector, ...]
     board: NominalBoard | None = None
     cells: Cells | None = None
-    radii: RingRadii = field(default_factory=lambda: RingRadii(2.0, 3.0))
+    radii: RingRadii = RADII[USUAL]
     cards: np.ndarray | None = None
     codes: CodeTable | None = None
+
+    @cached_property
+    def sectors(self) -> tuple[Sector, ...]:
+        """The rings' bright parts."""
+        return sectors_of(self.marks, self.radii, self.codes)
 
     @property
     def areas_mm(self) -> np.ndarray:
@@ -80,29 +85,18 @@ def print_of(board: NominalBoard, sheet: Field, size_mm: tuple[float, float] | N
     if pattern is not None:
         size = np.array(board.size_mm or size_mm or 2 * pattern.half_mm + pattern.pitch_mm)
         if pattern.has_corners:
-            return Print(board.name, size, False, bare, (), board, pattern.cells)
-        return Print(board.name, size, sheet.white_on_black, marks, (), board)
+            return Print(board.name, size, False, bare, board, pattern.cells)
+        return Print(board.name, size, sheet.white_on_black, marks, board)
     around = 2 * (np.abs(marks.xy_mm) + reach_mm(marks, sheet.radii)[:, None]).max(axis=0)
     size = around if size_mm is None else np.array(size_mm)
-    return Print(
-        board.name,
-        size,
-        sheet.white_on_black,
-        marks,
-        sectors_of(marks, sheet.radii, sheet.codes),
-        board,
-        None,
-        sheet.radii,
-        codes=sheet.codes,
-    )
+    return Print(board.name, size, sheet.white_on_black, marks, board, radii=sheet.radii, codes=sheet.codes)
 
 
 def card_of(code: int, diameter_mm: float, sheet: Field) -> Print:
     """One coded target to be cut out: that of a scale bar, or a sticker."""
     marks = Marks(np.zeros((1, 2)), np.array([diameter_mm]), np.array([code]), sheet.bits)
     size = np.full(2, diameter_mm * sheet.radii.quiet)
-    sectors = sectors_of(marks, sheet.radii, sheet.codes)
-    return Print(f"{code}", size, sheet.white_on_black, marks, sectors, None, None, sheet.radii, codes=sheet.codes)
+    return Print(f"{code}", size, sheet.white_on_black, marks, radii=sheet.radii, codes=sheet.codes)
 
 
 def reach_mm(marks: Marks, radii: RingRadii) -> np.ndarray:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from testfield.author.drawn_page import boxes
-from testfield.author.prints import Print, print_of, sectors_of
+from testfield.author.prints import Print, print_of
 from testfield.scene.world import World
 from testfield.targets.field import TIME
 from testfield.targets.marks import Marks
@@ -56,4 +56,4 @@ def _cards(world: World, here: np.ndarray) -> Print:
     """What is printed on a card or a sticker: its targets where they are, with the codes that they have at any time."""
     own = world.marks
     marks = Marks(own.xy_mm[here], own.diameter_mm[here], own.code[here] % TIME, world.field.bits)
-    return Print("", np.zeros(2), True, marks, sectors_of(marks, own.radii, world.field.codes), None, None, own.radii)
+    return Print("", np.zeros(2), True, marks, radii=own.radii, codes=world.field.codes)
