@@ -8,7 +8,7 @@ from testfield.calibrate.given_camera import read_camera
 from testfield.detect.observations import Observations
 from testfield.errors import TestfieldError
 from testfield.measure.outside import Program, Results
-from testfield.measure.programs import run_program
+from testfield.measure.programs import result_of, said_of
 from testfield.targets.field import Field
 
 FILES = {"observations": "observations.csv", "sheet": "field.json", "json": "camera.json"}
@@ -25,16 +25,9 @@ def calibrated_by_program(observations: Observations, field: Field, program: Pro
         files = {name: work / file for name, file in FILES.items()}
         observations.measured.save_csv(files["observations"])
         field.save(files["sheet"])
-        run_program(program, files, work, "calibration")
-        if not files["json"].is_file():
-            raise TestfieldError(
-                "it ended and wrote no result", f"{program.name}, calibration", "write the file {json}"
-            )
-        try:
-            return read_camera(files["json"], observations, field, program.name)
-        except TestfieldError as error:
-            where = f"{program.name}, {error.where.replace(str(files['json']), files['json'].name)}"
-            raise TestfieldError(error.what, where, error.do) from error
+        result = result_of(program, files, work, "calibration", "json")
+        with said_of(program, result):
+            return read_camera(result, observations, field, program.name)
 
 
 def calibrated_by_files(observations: Observations, field: Field, results: Results) -> Calibration:

@@ -13,7 +13,7 @@ from testfield.detect.observations import Observations
 from testfield.errors import TestfieldError
 from testfield.measure.aside import aside
 from testfield.measure.outside import Program, Results
-from testfield.measure.programs import run_program
+from testfield.measure.programs import result_of
 from testfield.targets.field import Field
 
 
@@ -31,15 +31,12 @@ def by_program(frame: Frame, field: Field, program: Program) -> Observations:
         if "{pgm}" in program.command:
             files["pgm"].write_bytes(pgm(frame))
         field.save(files["sheet"])
-        run_program(program, files, work, f"station {frame.station}")
-        if not files["csv"].is_file():
-            raise TestfieldError(
-                "it ended and wrote no result", f"{program.name}, station {frame.station}", "write the file {csv}"
-            )
+        about = f"station {frame.station}"
+        result = result_of(program, files, work, about, "csv")
         try:
-            return with_names(read_centres(files["csv"], frame.station, field, size_of(frame)), frame, field)
+            return with_names(read_centres(result, frame.station, field, size_of(frame)), frame, field)
         except TestfieldError as error:
-            where = f"{program.name}, station {frame.station}, {files['csv'].name}"
+            where = f"{program.name}, {about}, {result.name}"
             raise TestfieldError(error.what, where, error.do) from error
 
 

@@ -8,7 +8,7 @@ import shlex
 import signal
 import subprocess
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from testfield.errors import TestfieldError
@@ -56,6 +56,27 @@ def run_program(program: Program, files: Mapping[str, Path], work: Path, about: 
             end(process)
     if process.returncode:
         raise Crashed(f"it {_how(process.returncode)}{_own_words(said)}", where, "mend the program")
+
+
+def result_of(program: Program, files: Mapping[str, Path], work: Path, about: str, wanted: str) -> Path:
+    """Run a program, arguments as of `run_program`, and give the file `wanted` of its `files` that it wrote.
+
+    Raises `TestfieldError` as `run_program` does, and where it wrote none.
+    """
+    run_program(program, files, work, about)
+    if not files[wanted].is_file():
+        raise TestfieldError("it ended and wrote no result", f"{program.name}, {about}", f"write the file {{{wanted}}}")
+    return files[wanted]
+
+
+@contextlib.contextmanager
+def said_of(program: Program, file: Path) -> Iterator[None]:
+    """What is wrong within with a `file` of a program's is said of the program: its folder is gone afterwards."""
+    try:
+        yield
+    except TestfieldError as error:
+        where = f"{program.name}, {error.where.replace(str(file), file.name)}"
+        raise TestfieldError(error.what, where, error.do) from error
 
 
 def _first(program: Program, word: str) -> Path:

@@ -8,7 +8,7 @@ from testfield.calibrate.calibration import Calibration
 from testfield.detect.observations import Observations
 from testfield.errors import TestfieldError
 from testfield.measure.outside import Program, Results
-from testfield.measure.programs import run_program
+from testfield.measure.programs import result_of, said_of
 from testfield.reconstruct.points import Points
 from testfield.targets.field import Field
 
@@ -33,17 +33,10 @@ def points_by_program(observations: Observations, calibration: Calibration, fiel
         measured.save_csv(files["observations"])
         calibration.save(files["calibration"])
         field.save(files["sheet"])
-        run_program(program, files, work, "reconstruction")
-        if not files["csv"].is_file():
-            raise TestfieldError(
-                "it ended and wrote no result", f"{program.name}, reconstruction", "write the file {csv}"
-            )
-        try:
+        result = result_of(program, files, work, "reconstruction", "csv")
+        with said_of(program, result):
             # A point takes an observation at least, and the joint covariance grows with the square of their number.
-            return replace(Points.load(files["csv"], most=len(measured)), method=program.name)
-        except TestfieldError as error:
-            where = f"{program.name}, {error.where.replace(str(files['csv']), files['csv'].name)}"
-            raise TestfieldError(error.what, where, error.do) from error
+            return replace(Points.load(result, most=len(measured)), method=program.name)
 
 
 def points_from_files(results: Results) -> Points:
