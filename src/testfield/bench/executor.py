@@ -7,7 +7,7 @@ shows what two workers gain where nothing but processors is the limit, and wants
 import os
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -76,6 +76,14 @@ def bench_executor(work: str, count: int, seconds: float, tell: Callable[[str], 
         "dask_ms_per_case": (figures["workers_1_s"] - figures["bare_s"]) * per_case,
         "two_over_one": figures["workers_1_s"] / figures["workers_2_s"],
     }
+
+
+def lines(figures: dict[str, Any]) -> Iterator[str]:
+    """The figures of `bench_executor`, a line each."""
+    for name, what in (("executor", "executor in one process"), ("dask", "Dask, one worker")):
+        over, each = figures[f"{name}_overhead"], figures[f"{name}_ms_per_case"]
+        yield f"{what:<26}{100 * over:6.1f} % over a bare loop, {each:6.1f} ms a case"
+    yield f"{'two workers':<26}{figures['two_over_one']:6.2f} times one"
 
 
 def _timed(name: str, act: Callable[[], Any]) -> dict[str, float]:

@@ -3,7 +3,7 @@
 import argparse
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -126,63 +126,32 @@ def _cameras(args: argparse.Namespace) -> int:
 
 
 def _executor(args: argparse.Namespace) -> int:
-    import json
+    from testfield.bench.executor import bench_executor, lines
 
-    from testfield.bench.executor import bench_executor
-    from testfield.errors import TestfieldError
-
-    if args.cases < 1:
-        raise TestfieldError(f"value {args.cases} is too few", "--cases", "give 1 or more")
-    figures = bench_executor(args.work, args.cases, args.seconds, _tell)
-    if args.json:
-        print(json.dumps(figures))
-        return 0
-    for name, what in (("executor", "executor in one process"), ("dask", "Dask, one worker")):
-        over, each = figures[f"{name}_overhead"], figures[f"{name}_ms_per_case"]
-        print(f"{what:<26}{100 * over:6.1f} % over a bare loop, {each:6.1f} ms a case")
-    print(f"{'two workers':<26}{figures['two_over_one']:6.2f} times one")
-    return 0
+    _at_least(1, args.cases, "--cases")
+    return _say(args, bench_executor(args.work, args.cases, args.seconds, _tell), lines)
 
 
 def _scale(args: argparse.Namespace) -> int:
-    import json
-
     from testfield.bench.scale import bench_scale
+    from testfield.bench.scale_table import lines
     from testfield.errors import TestfieldError
 
     for option, value in (("--cases", args.cases), ("--workers", args.workers), ("--seconds", args.seconds)):
         if not value > 0:
             raise TestfieldError(f"value {value:g} is too few", option, "give more than 0")
-    figures = bench_scale(args.cases, args.workers, args.seconds, _tell)
-    if args.json:
-        print(json.dumps(figures))
-        return 0
-    print(f"{args.cases} cases of {args.seconds:g} s on {args.workers} workers, {figures['batch']} a task")
-    print(f"{'':<22}{'whole, s':>10}{'workers':>9}{'scheduler':>11}{'parent':>8}{'tasks held':>12}{'MB held':>9}")
-    for name, run in figures["runs"].items():
-        busy = "".join(f"{100 * run[k]:>{w}.1f} %" for k, w in (("workers_busy", 7), ("scheduler_busy", 9)))
-        held = f"{run['most_held']:>12.0f}{run['held_mb']:>9.1f}"
-        print(f"{name:<22}{run['whole_s']:>10.0f}{busy}{100 * run['parent_busy']:>6.1f} %{held}")
-    print(f"keys, before the first case: {figures['before_s']:.0f} s of the parent; rows, meanwhile:", end=" ")
-    print(f"{figures['reading_s']:.0f} s, {100 * figures['reading_busy']:.0f} % of its time")
-    for name, least in sorted(figures["full_at_seconds"].items(), key=lambda item: -item[1]):
-        print(f"{name}: keeps up with cases of {least:.2f} s and more")
-    asked = figures["requests"]
-    print("storage: " + ", ".join(f"{k.replace('_', ' ')} {v:.3g}" for k, v in asked.items()))
-    return 0
+    return _say(args, bench_scale(args.cases, args.workers, args.seconds, _tell), lines)
 
 
 def _comparisons(args: argparse.Namespace) -> int:
     import json
 
     from testfield.bench.comparisons import LEAST_TRIALS, bench_comparisons
-    from testfield.errors import TestfieldError
     from testfield.evaluate.check import all_passed, table
 
     if args.rendered:
         return _rendered(args)
-    if args.trials < LEAST_TRIALS:
-        raise TestfieldError(f"value {args.trials} is too few", "--trials", f"give {LEAST_TRIALS} or more")
+    _at_least(LEAST_TRIALS, args.trials, "--trials")
     checks = bench_comparisons(args.trials, _tell)
     print(json.dumps({"checks": [check.row() for check in checks]}) if args.json else table(checks))
     return 0 if all_passed(checks) else 1
@@ -195,12 +164,10 @@ def _rendered(args: argparse.Namespace) -> int:
 
     from testfield.bench.rendered_noise import LEAST_DRAWS, SEVERAL, bench_rendered_noise
     from testfield.cli.show import jobs_of
-    from testfield.errors import TestfieldError
     from testfield.evaluate.check import all_passed, table
     from testfield.store.lock import only_writer
 
-    if args.draws < LEAST_DRAWS:
-        raise TestfieldError(f"value {args.draws} is too few", "--draws", f"give {LEAST_DRAWS} or more")
+    _at_least(LEAST_DRAWS, args.draws, "--draws")
     with only_writer(args.out):
         checks = bench_rendered_noise(args.draws, args.out, jobs_of(args.jobs), _tell)
     print(json.dumps({"checks": [check.row() for check in checks]}) if args.json else table(checks))
@@ -208,16 +175,27 @@ def _rendered(args: argparse.Namespace) -> int:
 
 
 def _plan(args: argparse.Namespace) -> int:
-    import json
-
     from testfield.bench.plan import LEAST_TRIALS, SCENES, bench_plan, said
-    from testfield.errors import TestfieldError
     from testfield.score.scorecard import plain
 
-    if args.trials < LEAST_TRIALS:
-        raise TestfieldError(f"value {args.trials} is too few", "--trials", f"give {LEAST_TRIALS} or more")
+    _at_least(LEAST_TRIALS, args.trials, "--trials")
     found = bench_plan(args.only, tuple(args.scenes or SCENES), args.trials, args.out, _tell)
-    print(json.dumps(plain(found)) if args.json else "\n".join(said(found)))
+    return _say(args, plain(found), said)
+
+
+def _at_least(least: int, value: int, option: str) -> None:
+    """Raise `TestfieldError` where an option's number is less."""
+    from testfield.errors import TestfieldError
+
+    if value < least:
+        raise TestfieldError(f"value {value} is too few", option, f"give {least} or more")
+
+
+def _say(args: argparse.Namespace, figures: dict[str, Any], lines: Callable[[dict[str, Any]], Iterable[str]]) -> int:
+    """Print figures as one JSON object, or as lines for people."""
+    import json
+
+    print(json.dumps(figures) if args.json else "\n".join(lines(figures)))
     return 0
 
 
@@ -335,29 +313,19 @@ def _recall(args: argparse.Namespace) -> int:
 
 
 def _adjust(args: argparse.Namespace) -> int:
-    import json
-
     from testfield.bench.adjust import bench_adjust
     from testfield.bench.adjust_table import lines
 
-    figures = bench_adjust(args.quick, args.only, args.against, _tell)
-    if args.json:
-        print(json.dumps(figures))
-        return 0
-    for line in lines(figures):
-        print(line)
-    return 0
+    return _say(args, bench_adjust(args.quick, args.only, args.against, _tell), lines)
 
 
 def _chain(args: argparse.Namespace) -> int:
     import json
 
     from testfield.bench.chain import OURS, THEIRS, bench_chain
-    from testfield.errors import TestfieldError
     from testfield.scene.shipped import find_scene
 
-    if args.times < 1:
-        raise TestfieldError(f"value {args.times} is too few", "--times", "give 1 or more")
+    _at_least(1, args.times, "--times")
     figures = bench_chain(find_scene(args.scene or "quick"), args.against, args.times, _tell)
     if args.json:
         print(json.dumps(figures))
@@ -383,13 +351,11 @@ def _claims(args: argparse.Namespace) -> int:
     from testfield.chain.belongs import check_truth
     from testfield.chain.run import resume, scene_of
     from testfield.cli.show import jobs_of
-    from testfield.errors import TestfieldError
     from testfield.evaluate.check import Check, table
     from testfield.scene.shipped import find_scene
     from testfield.store.lock import only_writer
 
-    if args.trials < 2:
-        raise TestfieldError(f"value {args.trials} is too few", "--trials", "give 2 or more")
+    _at_least(2, args.trials, "--trials")
     if args.run is not None:
         scene_of(args.run)
         with only_writer(args.run), cluster_of(args, args.run) as pool:
