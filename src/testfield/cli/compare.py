@@ -94,10 +94,10 @@ def act(args: argparse.Namespace) -> int:
         found = {"sane": compared.sane, "differences": table.to_dict("records")}
         print(json.dumps(plain(found | {"summary": compared.summary.to_dict("records")})))
     else:
-        print(f"differences from {names[0]}, with 95 % intervals:")
         for row in compared.summary.itertuples():
             if row.failed:
                 print(f"{row.recipe} failed in {row.failed} of {row.cases} cases: {_why(compared, row.recipe)}")
+        print(f"differences from {names[0]}, with 95 % intervals:")
         for row in table.itertuples():
             if row.verdict == Word.NOTHING.value:
                 print(f"{row.verdict:<11} {row.recipe:<18} {row.figure}")

@@ -47,11 +47,12 @@ def act(args: argparse.Namespace) -> int:
     if args.draws is not None and args.draws < 1:
         raise TestfieldError(f"value {args.draws}", "--draws", "give 1 or more")
     seed, noise_seed = seed_of_option("--seed", args.seed), seed_of_option("--noise-seed", args.noise_seed)
-    draws = [None] if args.draws is None else list(range(1, args.draws + 1))
-    name = load_scene(find_scene(args.scene)).name
-    for k, draw in enumerate(draws):
-        warn = show_warnings if not k else lambda _: None
-        noise = noise_seed if draw is None else noise_of(name, draw)
+    draws = {0: noise_seed}
+    if args.draws is not None:
+        name = load_scene(find_scene(args.scene)).name
+        draws = {draw: noise_of(name, draw) for draw in range(1, args.draws + 1)}
+    for draw, noise in draws.items():
+        warn = show_warnings if draw < 2 else lambda _: None
         run, _ = complete(args.scene, None, seed, noise, jobs_of(args.jobs), False, warn, STAGES)
         out = args.out or run.folder.parent / f"{run.scene.name}-export"
         folder = out if args.draws is None else out / f"noise{draw}"

@@ -61,7 +61,7 @@ def of_rings(image: np.ndarray, o: Observations, background_dn: np.ndarray, cont
     seen = seen_shape(image, *levels)
     tried = dict(RADII)
     if seen is not None:
-        rounded = RingRadii(round(20 * seen.radii.inner) / 20, round(20 * seen.radii.outer) / 20)
+        rounded = RingRadii(round(20 * seen.inner) / 20, round(20 * seen.outer) / 20)
         tried.setdefault(shape_name(rounded), rounded)
     for radii, shape in tried.items():
         for bits in BITS:

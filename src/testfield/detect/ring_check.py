@@ -35,10 +35,10 @@ def compared(
     disagree = _disagree(fitted, doubt, photograph)
     if photograph and (disagree.sum() > len(doubt) / 2 or _usual_patch(fitted, doubt) > MOST_USUAL_PATCH):
         seen = seen_shape(image, rough.xy_px, rough.moments_px2, rough.contrast_dn, rough.background_dn)
-        if seen is not None and seen.radii != rings.radii:
-            again = fit_with_rings(image, sheet, rough, replace(rings, radii=seen.radii), photograph)
+        if seen is not None and seen != rings.radii:
+            again = fit_with_rings(image, sheet, rough, replace(rings, radii=seen), photograph)
             if _usual_patch(again, doubt) < _usual_patch(fitted, doubt):
-                return again, _disagree(again, doubt, photograph), seen.radii
+                return again, _disagree(again, doubt, photograph), seen
     return fitted, disagree, rings.radii
 
 

@@ -1,7 +1,5 @@
 """The shape of the rings that an image shows: where, in dot radii, they begin and end."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from testfield.detect.polar import values_at
@@ -18,20 +16,11 @@ LEAST_DOTS, MOST_SPREAD = 3, 0.08
 MOST_DOTS = 200
 
 
-@dataclass(frozen=True)
-class SeenShape:
-    """The median `radii` of the rings of `count` dots, and the larger of their two median absolute deviations."""
-
-    radii: RingRadii
-    spread: float
-    count: int
-
-
 def seen_shape(
     image: np.ndarray, xy_px: np.ndarray, moments_px2: np.ndarray, contrast_dn: np.ndarray, background_dn: np.ndarray
-) -> SeenShape | None:
-    """The shape of what surrounds n dots in an image (h, w) of bright marks, arguments as in `Centres`; None where they
-    do not agree, or too few of them have a ring."""
+) -> RingRadii | None:
+    """The median shape of what surrounds n dots in an image (h, w) of bright marks, arguments as in `Centres`; None
+    where they do not agree, or too few of them have a ring."""
     some = np.linspace(0, len(xy_px) - 1, min(len(xy_px), MOST_DOTS)).astype(int)
     radius = 1 + STEP * np.arange(1, int(LARGEST / STEP))
     places = circles(radius.tolist(), RAYS)
@@ -45,7 +34,7 @@ def seen_shape(
     spread = float(np.median(np.abs(edges - [inner, outer]), axis=0).max())
     if spread > MOST_SPREAD or inner < 1 + LEAST_GAP or outer < inner + LEAST_RING or outer > LARGEST:
         return None
-    return SeenShape(RingRadii(round(inner, 2), round(outer, 2)), spread, len(edges))
+    return RingRadii(round(inner, 2), round(outer, 2))
 
 
 def _ring(level: np.ndarray, radius: np.ndarray) -> tuple[float, float]:

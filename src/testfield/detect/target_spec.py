@@ -4,6 +4,7 @@ import re
 from dataclasses import dataclass
 
 from testfield.errors import TestfieldError
+from testfield.targets.code_table import FEWEST_BITS, MOST_BITS
 from testfield.targets.ring_code import BITS
 
 KINDS = {
@@ -36,8 +37,12 @@ def parse_target(text: str, where: str = "--target") -> TargetSpec:
     kind, *rest = text.strip().split(":")
     ring = re.fullmatch(r"ring(\d+)", kind)
     if ring and not rest:
-        if not 6 <= int(ring[1]) <= 24:
-            raise _wrong(text, where, f"ring codes have {', '.join(map(str, BITS))} bits, with a table 6 to 24")
+        if not FEWEST_BITS <= int(ring[1]) <= MOST_BITS:
+            raise _wrong(
+                text,
+                where,
+                f"ring codes have {', '.join(map(str, BITS))} bits, with a table {FEWEST_BITS} to {MOST_BITS}",
+            )
         return TargetSpec("ring", bits=int(ring[1]))
     try:
         if kind == "circles" and not rest:

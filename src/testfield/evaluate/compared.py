@@ -39,9 +39,9 @@ class Until(Enum):
 
 
 def compared_row(case: Case, run: Run | None) -> list[dict[str, Any]]:
-    """One row: the scorecard by its paths; seconds of each stage (`time_detect_s`, and of the
-    processor `cpu_detect_s` ...) and the memory that they took
-    beyond what was there before (`memory_mb`); and as lists every error (`compared_columns`).
+    """One row: the scorecard by its paths; seconds of each stage (`time_detect_s`, and of the processor
+    `cpu_detect_s` ...) and the memory that they took beyond what was there before (`memory_mb`); and as lists every
+    error (`compared_columns`).
 
     Where the recipe fails, at whatever stage, the row says why and at which, and has the figures of the stages before.
     With the option `sanity` it is one of the two rows whose figures are known (`known_rows`). Raises `TestfieldError`
