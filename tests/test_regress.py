@@ -171,6 +171,19 @@ def test_a_missing_baseline_stores_a_candidate_and_fails(suite: Path, machine: M
     assert not suite.with_name("own.baseline.json").exists()
 
 
+def test_a_suite_is_validated_with_its_baseline(
+    suite: Path, machine: Machine, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["validate", str(suite), "--json"]) == 0
+    assert len(json.loads(capsys.readouterr().out)["warnings"]) == 1  # there is no baseline yet
+    path = recorded(suite)
+    capsys.readouterr()
+    assert main(["validate", str(suite), "--json"]) == 0
+    assert not json.loads(capsys.readouterr().out)["warnings"]
+    path.write_text(path.read_text().replace("own", "another"))
+    assert main(["validate", str(suite)]) == 2
+
+
 def test_a_figure_that_only_one_side_has_is_missing_and_fails(suite: Path, machine: Machine) -> None:
     recorded(suite)
     suite.write_text(SUITE.replace(BIAS, "detection.missed"))
@@ -204,6 +217,22 @@ def test_arithmetic_widens_the_interval_between_machines_only() -> None:
     now = base + 2e-6 + 1e-9 * np.arange(8)
     assert judged("", "", figure, base, now, 0.01, 1e-5, True).verdict is Verdict.WORSE
     assert judged("", "", figure, base, now, 0.01, 1e-5, False).verdict is Verdict.UNKNOWN
+
+
+def test_arithmetic_is_a_part_of_a_figures_size_even_where_its_mean_is_nothing() -> None:
+    base, figure = np.array([1.0, -1.0] * 4), Figure("x", 1e-6)
+    now = base + 2e-6 + 1e-9 * np.arange(8)
+    assert judged("", "", figure, base, now, 0.01, 1e-5, False).verdict is Verdict.UNKNOWN
+
+
+def test_a_percentage_of_nothing_is_refused_by_record_and_told_by_check(
+    suite: Path, machine: Machine, capsys: pytest.CaptureFixture[str]
+) -> None:
+    machine.rows = changed(rms=lambda _: 0.0)
+    assert command("record", suite) == 2
+    assert RMS in capsys.readouterr().err
+    found = judged("", "", Figure("x", 1, percent=True), np.zeros(8), np.arange(8.0), 0.01)
+    assert found.verdict is not Verdict.PASS and "matters" in found.detail
 
 
 @pytest.mark.parametrize(

@@ -108,7 +108,9 @@ class _Lines:
         if not self.total:
             return f"{spoken_s(gone)} so far"
         now = self.done - self.before
-        rest = f", about {spoken_s(gone * (self.total - self.done) / now)} to go" if now else ""
+        rest = (
+            f", about {spoken_s(gone * (self.total - self.done) / now)} to go" if now else f", {spoken_s(gone)} so far"
+        )
         return f"{self.done:.0f} of {self.total:.0f} {self.unit} ({100 * self.done / self.total:.0f} %){rest}"
 
     def _finish(self) -> None:

@@ -88,6 +88,12 @@ def act(args: argparse.Namespace) -> int:
         floor = Floor.of(floor_of(args.out), compared.ground_um_per_px)
         made = provenance(comparison, cases, sys.argv[1:])
         crops = crops_of(compared.rows, names, cases, args.out)
+        if args.store and not crops:
+            print(
+                "the images stayed with the workers: the page has no crops of worst cases; an --out that all machines "
+                "see, without --store, brings them",
+                file=sys.stderr,
+            )
         place = write_comparison(compared, comparison, floor, made, args.out, crops)
     table = differences_table(compared, floor)
     if args.json:

@@ -108,9 +108,10 @@ def _check(args: argparse.Namespace) -> int:
     path, jobs = args.baseline or baseline_path(args.suite), jobs_of(args.jobs)
     setups = setups_of(suite)
     if not path.exists():
+        print(f"missing: {path}; a candidate for it is measured", file=sys.stderr)
         with only_writer(args.out), cluster_of(args, args.out) as pool:
             recorded(suite, args.out, jobs, pool)[0].save(candidate_path(args.suite))
-        print(f"missing: {path}; a candidate was stored in {candidate_path(args.suite)}: look at it, and rename it")
+        print(f"missing: {path}; {_candidate(args.suite, path)}")
         return 1
     baseline = Baseline.load(path)
     baseline.belongs_to(suite, setups, path)
@@ -126,12 +127,18 @@ def _check(args: argparse.Namespace) -> int:
     for note in notes:
         print(note, file=sys.stderr)
     if found.lacking:
-        print(f"a candidate was stored in {candidate_path(args.suite)}: look at it, and rename it", file=sys.stderr)
+        print(_candidate(args.suite, path), file=sys.stderr)
     print(f"{suite.name}: {counted(found.findings)}")
     print(summary)
     sys.stdout.flush()
     append(args.history or args.out / HISTORY, suite, found, made_here(suite))
     return status_of(found.findings)
+
+
+def _candidate(suite: Path, baseline: Path) -> str:
+    from testfield.evaluate.regress.suite import candidate_path
+
+    return f"a candidate was stored in {candidate_path(suite)}: look at it, and rename it to {baseline}"
 
 
 def _history_page(args: argparse.Namespace) -> int:

@@ -1,4 +1,4 @@
-"""`testfield validate FILE`: check a scene, a sweep, a recipe or a comparison without rendering."""
+"""`testfield validate FILE`: check a scene, a sweep, a recipe, a comparison or a suite without rendering."""
 
 import argparse
 from pathlib import Path
@@ -15,14 +15,14 @@ def add(commands: Any) -> None:
     """Enter the command."""
     p = commands.add_parser(
         "validate",
-        help="check a scene, a recipe or a comparison and say what it holds, without rendering",
+        help="check a scene, a recipe, a comparison or a suite and say what it holds, without rendering",
         description=__doc__,
     )
     p.add_argument(
         "scene",
         type=Path,
         metavar="FILE",
-        help="a scene file (TOML), or the name of one that comes along; a recipe's or a comparison's file",
+        help="a scene file (TOML), or the name of one that comes along; a recipe's, a comparison's or a suite's file",
     )
     p.add_argument("--json", action="store_true", help="print one JSON object")
     add_load(p)
@@ -32,6 +32,7 @@ def add(commands: Any) -> None:
 def act(args: argparse.Namespace) -> int:
     """Say what is wrong, or what the file holds."""
     from testfield.evaluate.comparison import is_comparison
+    from testfield.evaluate.regress.suite import is_suite
     from testfield.measure.recipe_file import is_recipe
     from testfield.scene.document import VARY
     from testfield.scene.schema import SceneFile
@@ -42,6 +43,8 @@ def act(args: argparse.Namespace) -> int:
     data = toml_or_nothing(args.scene)
     if is_recipe(data, SceneFile.model_fields):
         return _recipe(args)
+    if is_suite(data):
+        return _suite(args)
     if VARY in data and "scene" in data:
         return _sweep(args)
     return _scene(args)
@@ -127,6 +130,34 @@ def _comparison(args: argparse.Namespace) -> int:
     print(f"{args.scene}: {good('valid')}")
     print(f"  recipes: {', '.join(names)}")
     print("  " + ", ".join(f"{name}: {value}" for name, value in held.items() if value is not None))
+    return 0
+
+
+def _suite(args: argparse.Namespace) -> int:
+    """The size of a suite of `testfield regress`, with its scenes, recipes and baseline checked."""
+    import json
+
+    from testfield.cli.show import show_warnings
+    from testfield.evaluate.regress.baseline import Baseline
+    from testfield.evaluate.regress.cases import setups_of
+    from testfield.evaluate.regress.suite import Suite, baseline_path
+
+    suite, baseline = Suite.load(args.scene), baseline_path(args.scene)
+    setups = setups_of(suite)
+    warnings = []
+    if baseline.exists():
+        Baseline.load(baseline).belongs_to(suite, setups, baseline)
+    else:
+        warnings = [f"no baseline {baseline}: `testfield regress record {args.scene}` makes one"]
+    show_warnings(warnings)
+    figures = sum(len(suite.figures_of(setup.title)) for setup in setups)
+    held = {"scenes": len(suite.scenes), "recipes": len(suite.recipes) or 1, "figures": figures}
+    held |= {"draws": suite.draws, "budget": suite.budget}
+    if args.json:
+        print(json.dumps({"suite": str(args.scene), "valid": True, "warnings": warnings} | held))
+        return 0
+    print(f"{args.scene}: {good('valid')}")
+    print("  " + ", ".join(f"{name}: {value}" for name, value in held.items()))
     return 0
 
 

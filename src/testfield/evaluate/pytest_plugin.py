@@ -10,6 +10,7 @@ imported by every pytest of an environment, so it imports nothing heavy by itsel
 """
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -52,7 +53,9 @@ def rendered_field(request: pytest.FixtureRequest) -> "Callable[..., Rendered]":
         option = request.config.getoption("--field-cache")
         key = str(scene)
         if key not in found:
-            found[key] = _spoken(lambda: rendered(scene, Path(option) if option else users_cache() / "renders"))
+            cache = Path(option) if option else users_cache() / "renders"
+            with _uncaptured(request.config):  # rendering takes minutes, and says how far it is
+                found[key] = _spoken(lambda: rendered(scene, cache))
         own: Rendered = found[key].under(noise_seed)
         return own
 
@@ -97,6 +100,12 @@ def field_regression(request: pytest.FixtureRequest) -> "FieldRegression":
         request.path.parent / "field_baselines",
         request.config.getoption("--field-record"),
     )
+
+
+def _uncaptured(config: pytest.Config) -> AbstractContextManager[None]:
+    """What is printed meanwhile goes to the terminal."""
+    capture = config.pluginmanager.getplugin("capturemanager")
+    return nullcontext() if capture is None else capture.global_and_fixture_disabled()
 
 
 def _spoken(get: Callable[[], Any]) -> Any:

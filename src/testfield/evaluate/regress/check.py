@@ -50,6 +50,12 @@ def recorded(suite: Suite, folder: Path, jobs: int = 1, pool: Pool | None = None
                     f"{suite.source}, figure",
                     why_failed(rows, setup.name) or nearest(figure.key, numbers_of(rows, setup.name)),
                 )
+            if figure.matters_at(float(np.mean(values))) == 0:
+                raise TestfieldError(
+                    f"'{figure.key}' of scene '{setup.title}' is 0, of which a percentage is nothing",
+                    f"{suite.source}, figure '{figure.key}', matters_percent",
+                    "give `matters`, in the figure's unit",
+                )
             figures[(*setup.name, figure.key)] = values
             if bad := int((~np.isfinite(values)).sum()):
                 why = why_failed(rows, setup.name)

@@ -71,7 +71,8 @@ class FieldRegression:
             candidate = self.path.with_suffix(".candidate.json")
             self._save(_drawn(metrics, budget), candidate)
             raise Regressed(
-                f"no baseline {self.path}; a candidate was stored in {candidate}: look at it, and rename it"
+                f"no baseline {self.path}; a candidate was stored in {candidate}: look at it, and rename it to "
+                f"{self.path.name}"
             )
         baseline = Baseline.load(self.path)
         if baseline.suite != self.test:

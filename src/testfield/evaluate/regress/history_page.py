@@ -107,6 +107,7 @@ def _plot(own: pd.DataFrame, changes: list[int]) -> Any:
         }
     )
     made = plot("check", "", HEIGHT_PX)
+    made.xaxis.ticker.min_interval = 1  # there is no check between the first and the second
     line = made.line("check", "value", source=source, color=ACCENT, line_width=1, line_alpha=0.6)
     dots = made.scatter("check", "value", source=source, color="colour", size=6)
     items = [("figure", [line, dots])]

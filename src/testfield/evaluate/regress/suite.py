@@ -160,6 +160,11 @@ class Suite:
         return (Figure(FAILURES, 0.05), *own)
 
 
+def is_suite(data: dict[str, Any]) -> bool:
+    """Whether the tables of a file are a suite's, and not a scene's: it says of which figures."""
+    return "figure" in data
+
+
 def baseline_path(suite: Path) -> Path:
     """Where a suite's baseline lies: beside it."""
     return suite.with_name(f"{suite.stem}.baseline.json")

@@ -82,7 +82,8 @@ def judged(
     why: str = "",
 ) -> Finding:
     """The finding of a figure from its values (n,) in the baseline and now, under the same n draws of noise; None where
-    there are none. `arithmetic` is the part of a figure by which machines differ, and counts where they do."""
+    there are none. `arithmetic` is the part of a figure's size, the root of its mean square over the draws, by which
+    machines differ, and counts where they do."""
 
     def found(verdict: Verdict, detail: str = "", difference: Sequence = NOTHING, matters: float = np.nan) -> Finding:
         before, after = (np.zeros(0) if one is None else np.asarray(one, float) for one in (base, now))
@@ -101,8 +102,11 @@ def judged(
         return found(Verdict.OTHER_MACHINE, "recorded on another processor, so not compared", difference, matters)
     detail = ""
     if not same_machine and not np.array_equal(base, now):
-        difference = difference.widened(arithmetic * abs(level))
+        # The mean of a figure about zero, a bias, is no measure of its size; its draws are.
+        difference = difference.widened(arithmetic * float(np.sqrt(np.mean(base**2))))
         detail = f"another machine: {arithmetic:g} of the figure may be arithmetic"
+    if matters == 0 and not np.array_equal(base, now):
+        detail = "the baseline is 0, of which a percentage is nothing; give `matters`"
     return found(_verdict(difference, matters, figure.better), detail, difference, matters)
 
 
