@@ -11,7 +11,7 @@ from testfield.store.code import ROOT, imports
 
 GROUND = ("errors", "version", "seeds", "registry", "choices", "store")
 TYPES = ("targets", "camera")
-MEASURING = ("detect", "adjust", "calibrate", "reconstruct", "uncertainty", "measure")
+MEASURING = ("characterise", "detect", "adjust", "calibrate", "reconstruct", "uncertainty", "measure")
 TRUE_SIDE = ("scene", "render", "sensor", "simulate", "score")
 RESULTS = (*GROUND, *TYPES, "statistics", *MEASURING, *TRUE_SIDE)
 """All that a run is made of."""
@@ -28,6 +28,7 @@ MAY_IMPORT: dict[str, tuple[str, ...]] = {
     "targets": GROUND,
     "camera": GROUND,
     # The measuring side.
+    "characterise": (*GROUND, "camera"),
     "detect": (*GROUND, *TYPES),
     "adjust": (*GROUND, "camera"),
     "calibrate": (*GROUND, *TYPES, "statistics", "detect", "adjust"),
