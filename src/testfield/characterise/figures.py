@@ -55,7 +55,8 @@ def straight(x: np.ndarray, y: np.ndarray, u_y: np.ndarray) -> Line:
     scatter = _scatter(y - slope * (x - x.mean()) - middle, u_y, 2)
     J = np.array([[1.0, 0.0], [-x.mean(), 1.0]])
     cov = J @ inverse @ J.T * max(scatter, 1.0) ** 2
-    return Line(float(slope), float(middle - slope * x.mean()), *(float(v) for v in np.sqrt(np.diag(cov))), scatter)
+    u_slope, u_offset = (float(v) for v in np.sqrt(np.diag(cov)))
+    return Line(float(slope), float(middle - slope * x.mean()), u_slope, u_offset, scatter)
 
 
 def _scatter(residual: np.ndarray, u: np.ndarray, parameters: int) -> float:

@@ -118,14 +118,12 @@ def stack_of(level: Level, shape: tuple[int, int] | None, seen: Callable[[Path],
     EMVA 1288 release 4.0, sections 6.6 and 8.2: the variance of frames is freed of the variance of the light from frame
     to frame, which moves all pixels alike. Raises `TestfieldError` where frames are of different sizes.
     """
-    total = squares = first = None
+    first = read_raw(level.images[0], shape)
+    total, squares = np.zeros(first.shape), np.zeros(first.shape)
     means, step, zeros, largest, tops = [], 0, 0, 0, 0
     for path in level.images:
-        raw = read_raw(path, shape)
+        raw = first if path == level.images[0] else read_raw(path, shape)
         seen(path)
-        if first is None:
-            first = raw
-            total, squares = np.zeros(raw.shape), np.zeros(raw.shape)
         if raw.shape != first.shape:
             raise TestfieldError(
                 f"{raw.shape[1]} x {raw.shape[0]} px and not {first.shape[1]} x {first.shape[0]} px as others",
@@ -146,7 +144,6 @@ def stack_of(level: Level, shape: tuple[int, int] | None, seen: Callable[[Path],
         total += off
         off -= frame_mean
         squares += off * off
-    assert first is not None and total is not None and squares is not None
     n = len(level.images)
     mean = total / n
     own = mean - mean.mean()

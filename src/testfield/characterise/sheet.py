@@ -48,7 +48,7 @@ def sheet_of(
     Raises `TestfieldError` where there are too few levels for the gain.
     """
     is_dark = np.array([level.dark for level in levels])
-    darks, brights = np.flatnonzero(is_dark), np.flatnonzero(~is_dark)
+    darks, brights = np.flatnonzero(is_dark).tolist(), np.flatnonzero(~is_dark).tolist()
     if len(brights) < LEAST_LEVELS:
         raise TestfieldError(
             f"{len(brights)} lit level(s), and {LEAST_LEVELS} below 70 % of saturation are needed for the gain",
@@ -80,11 +80,11 @@ def sheet_of(
     )
 
 
-def _temporal_levels(chosen: np.ndarray, counts: np.ndarray) -> np.ndarray:
+def _temporal_levels(chosen: list[int], counts: np.ndarray) -> list[int]:
     """Levels of the photon transfer: without stacks of many frames, which were taken for nonuniformity alone, perhaps
     on another day."""
-    few = chosen[counts[chosen] <= STACK_RATIO * np.median(counts[chosen])]
-    return few if len(few) else chosen
+    most = STACK_RATIO * np.median(counts[chosen])
+    return [k for k in chosen if counts[k] <= most] or chosen
 
 
 def _over_time(dark: Curve) -> tuple[Line | None, Line | None]:
