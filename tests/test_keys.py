@@ -112,6 +112,10 @@ pattern = { kind = "circles", columns = 7, rows = 5, pitch_mm = 80, diameter_mm 
 name = "acircles"
 position_mm = [1300, 250, 1560]
 pattern = { kind = "acircles", columns = 4, rows = 9, pitch_mm = 40, diameter_mm = 25 }
+[[boards]]
+name = "aprilgrid"
+position_mm = [1900, 250, 1560]
+pattern = { kind = "aprilgrid", columns = 4, rows = 3, marker_mm = 60, gap_mm = 20, first_tag = 5 }
 [certified_poses]
 u_position_mm = 0.1
 u_rotation_deg = 0.01
@@ -383,6 +387,13 @@ TABLE: dict[str, list[Change]] = {
         ("boards.6.pattern.rows", 7, ALL),
         ("boards.6.pattern.pitch_mm", 41, ALL),
         ("boards.6.pattern.diameter_mm", 26, ALL),
+        ("boards.7.pattern.columns", 5, ALL),
+        ("boards.7.pattern.rows", 4, ALL),
+        ("boards.7.pattern.marker_mm", 61, ALL),
+        ("boards.7.pattern.gap_mm", 21, ALL),
+        ("boards.7.pattern.border_cells", 1, ALL),
+        ("boards.7.pattern.dictionary", "DICT_APRILTAG_25h9", ALL),
+        ("boards.7.pattern.first_tag", 6, ALL),
         ("u_print_scale_ppm", 30, ALL),
         ("certified_poses.u_position_mm", 0.2, SHEET),
         ("certified_poses.u_rotation_deg", 0.02, SHEET),

@@ -71,6 +71,7 @@ CHARUCO = 'kind = "charuco", columns = 7, rows = 5, square_mm = 40, marker_mm = 
 CHECKERBOARD = 'kind = "checkerboard", columns = 8, rows = 5, square_mm = 36'
 ARUCO = 'kind = "aruco", columns = 4, rows = 3, marker_mm = 54, gap_mm = 18, first_tag = 10'
 APRILTAG = 'kind = "apriltag", columns = 4, rows = 3, marker_mm = 58, gap_mm = 18'
+APRILGRID = 'kind = "aprilgrid", columns = 4, rows = 3, marker_mm = 54, gap_mm = 16.2'
 CIRCLES = 'kind = "circles", columns = 9, rows = 6, pitch_mm = 32, diameter_mm = 16'
 ASYMMETRIC = 'kind = "acircles", columns = 4, rows = 9, pitch_mm = 24, diameter_mm = 18'
 
@@ -209,7 +210,7 @@ def test_a_rendered_asymmetric_grid_is_read_by_opencv_in_its_order() -> None:
     assert gap.argmin(axis=1).tolist() in (list(range(36)), list(range(35, -1, -1)))
 
 
-@pytest.mark.parametrize("pattern", [CHARUCO, CHECKERBOARD, ARUCO, APRILTAG, CIRCLES, ASYMMETRIC])
+@pytest.mark.parametrize("pattern", [CHARUCO, CHECKERBOARD, ARUCO, APRILTAG, APRILGRID, CIRCLES, ASYMMETRIC])
 def test_every_point_of_every_board_is_named_and_known_as_well_as_claimed(pattern: str) -> None:
     world = built(pattern)
     _, _, score = measured(world, shots(pattern))
@@ -272,6 +273,7 @@ def test_a_hidden_corner_is_turned_down_and_its_neighbours_are_not() -> None:
         (CHECKERBOARD, "checkerboard:7x4"),
         (ARUCO, "aruco:DICT_4X4_50"),
         (APRILTAG, "apriltag:36h11"),
+        (APRILGRID, "aprilgrid:4x3:54:16.2"),
     ],
 )
 def test_corners_of_photographs_have_a_covariance_too(pattern: str, target: str) -> None:

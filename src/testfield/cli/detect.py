@@ -36,7 +36,8 @@ def add(commands: Any) -> None:
         "--target",
         metavar="KIND",
         help="what the images show: ring14, circles, circles:10x8, acircles:4x11, checkerboard:9x6, "
-        "charuco:7x5:DICT_4X4_50:30:22 (mm), aruco:DICT_4X4_50, apriltag:36h11",
+        "charuco:7x5:DICT_4X4_50:30:22 (mm), aruco:DICT_4X4_50, apriltag:36h11, "
+        "aprilgrid:6x6:88:26.4 (mm)",
     )
     p.add_argument(
         "--radii",

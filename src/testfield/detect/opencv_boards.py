@@ -15,6 +15,7 @@ import numpy as np
 from testfield.camera.plane_image import as_others_say
 from testfield.detect.eight_bits import pictures
 from testfield.detect.target_spec import TargetSpec
+from testfield.detect.touching_tags import read_touching_tags
 from testfield.errors import TestfieldError
 
 CHECKERBOARD_TRIALS = 4
@@ -37,7 +38,8 @@ class Corners:
     """Points of a board, n rows: `xy_px` (n, 2); `code` (n,) the number of the tag a point belongs to, -1 for none;
     `point` (n,) its index on the board or, of a tag, which corner; `place` (n, 2) column and row, -1 where there is
     none; `disc` whether the points are discs' centres; `inverted` whether the print is white on black; `legacy` whether
-    it is a ChArUco of OpenCV before 4.6; `size` columns and rows as they were read; `notes` what was done."""
+    it is a ChArUco of OpenCV before 4.6; `size` columns and rows as they were read; `border` cells of a tag's border;
+    `notes` what was done."""
 
     xy_px: np.ndarray
     code: np.ndarray
@@ -47,6 +49,7 @@ class Corners:
     inverted: bool = False
     legacy: bool = False
     size: tuple[int, int] | None = None
+    border: int = 1
     notes: tuple[str, ...] = ()
 
 
@@ -77,6 +80,7 @@ def _find(image: np.ndarray, spec: TargetSpec) -> Corners:
         "charuco": _charuco,
         "aruco": _aruco,
         "apriltag": _apriltag,
+        "aprilgrid": _april_grid,
         "checkerboard": _checkerboard,
         "acircles": _asymmetric_circles,
     }[spec.kind]
@@ -90,6 +94,8 @@ def _all_points(spec: TargetSpec) -> int:
     """How many points a board has, 0 where nobody said: of single tags."""
     if spec.kind == "charuco":
         return (spec.columns - 1) * (spec.rows - 1)
+    if spec.kind == "aprilgrid":
+        return CORNERS_A_TAG * spec.columns * spec.rows
     return spec.columns * spec.rows
 
 
@@ -155,6 +161,35 @@ def _apriltag(image: np.ndarray, spec: TargetSpec) -> Corners:
     order = PUPIL_CORNERS if known else PUPIL_CORNERS_OF_MAKERS
     corners = np.array([tag.corners for tag in tags])[:, order] - 0.5
     return _tags(corners, np.array([tag.tag_id for tag in tags]), ("by pupil-apriltags",))
+
+
+def _april_grid(image: np.ndarray, spec: TargetSpec) -> Corners:
+    """The corners of the tags that were read, with the border, of two cells as Kalibr prints it or of one, that reads
+    more."""
+    best = _empty()
+    for border in (2, 1):
+        found = _april_grid_of(border, image, spec)
+        if len(found.code) > len(best.code):
+            best = found
+    return best
+
+
+def _april_grid_of(border: int, image: np.ndarray, spec: TargetSpec) -> Corners:
+    pattern = spec.pattern(border)
+    numbers, quads = read_touching_tags(image, pattern.names, border)
+    mine = np.isin(numbers, pattern.tags)
+    numbers, quads = numbers[mine], quads[mine]
+    once = np.isin(numbers, [k for k in np.unique(numbers) if (numbers == k).sum() == 1])
+    board, corners = pattern.tag_corners_mm[numbers[once]].reshape(-1, 2), quads[once].reshape(-1, 2)
+    if len(board) > CORNERS_A_TAG:
+        there = as_others_say((board, corners), (image.shape[1], image.shape[0]))
+        there = there.reshape(-1, CORNERS_A_TAG).all(axis=1).repeat(CORNERS_A_TAG)
+        board, corners = board[there], corners[there]
+    gap = np.linalg.norm(board[:, None] - pattern.points_mm[None], axis=2).reshape(len(board), len(pattern.points_mm))
+    point = gap.argmin(axis=1) if len(board) else np.zeros(0, int)
+    place = np.column_stack([point % (2 * spec.columns), point // (2 * spec.columns)])
+    notes = () if border == 2 else ("tags with a border of one cell; Kalibr prints two",)
+    return Corners(corners, np.full(len(point), -1), point, place, border=border, notes=notes if len(point) else ())
 
 
 @cache

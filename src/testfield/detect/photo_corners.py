@@ -24,7 +24,7 @@ from testfield.targets.marks import Marks
 
 SAME_PX = 1.5
 """The model's corner is OpenCV's where it is this near."""
-READ_PX = {"charuco": 0.25, "checkerboard": 0.25, "aruco": 0.8, "apriltag": 0.8, "acircles": 0.25}
+READ_PX = {"charuco": 0.25, "checkerboard": 0.25, "aruco": 0.8, "apriltag": 0.8, "aprilgrid": 0.4, "acircles": 0.25}
 """Standard deviations of what OpenCV reads, in each direction."""
 QUIET_CELLS = (1.0, 0.5, 0.25)
 """White around a tag, in cells: what its makers ask for, and less where it is not there."""
@@ -125,6 +125,8 @@ def _boards(target: TargetSpec, found: Corners) -> tuple[NominalBoard, ...]:
     elif target.kind == "charuco":
         sides = target.square_mm, target.marker_mm
         patterns = [BoardPattern("charuco", columns, rows, *sides, _names(target), legacy=found.legacy)]
+    elif target.kind == "aprilgrid":
+        patterns = [target.pattern(found.border)]
     else:
         return ()
     return tuple(_board(pattern, 2 * pattern.half_mm) for pattern in patterns)

@@ -18,6 +18,7 @@ from testfield.detect.corner_model import FittedCorners, fit_corners
 from testfield.detect.eight_bits import pictures
 from testfield.detect.observations import MEASURED, Observations
 from testfield.detect.opencv_boards import checkerboards, tag_detector
+from testfield.detect.touching_tags import read_touching_tags
 from testfield.registry import known_of
 from testfield.targets.board_pattern import CORNERS_A_TAG, SIDES, BoardPattern, dictionary
 from testfield.targets.field import Field, NominalBoard
@@ -61,7 +62,7 @@ class _Reader:
 
     def __init__(self, image: np.ndarray):
         self.image = image
-        self.tags: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+        self.tags: dict[tuple[str, int, bool], tuple[np.ndarray, np.ndarray]] = {}
 
     @cached_property
     def pictures(self) -> list[np.ndarray]:
@@ -78,23 +79,21 @@ class _Reader:
             return None
 
     def _tags(self, pattern: BoardPattern) -> Seen | None:
-        if pattern.names not in self.tags:
-            detector = tag_detector(dictionary(pattern.names))
+        printed = pattern.names, pattern.border_cells, pattern.of_kind.corner_squares
+        if printed not in self.tags:
             numbers, corners = np.zeros(0, int), np.zeros((0, CORNERS_A_TAG, 2))
             for picture in self.pictures:
-                quads, read, _ = detector.detectMarkers(picture)
-                found = np.zeros(0, int) if read is None else np.asarray(read).ravel().astype(int)
+                found, quads = read_touching_tags(picture, *printed[:2]) if printed[2] else _read_tags(picture, pattern)
                 new = ~np.isin(found, numbers)
                 numbers = np.concatenate([numbers, found[new]])
-                corners = np.concatenate([corners, np.asarray(quads, float).reshape(-1, CORNERS_A_TAG, 2)[new]])
-            self.tags[pattern.names] = numbers, corners
-        numbers, corners = self.tags[pattern.names]
+                corners = np.concatenate([corners, quads[new]])
+            self.tags[printed] = numbers, corners
+        numbers, corners = self.tags[printed]
         once = np.isin(numbers, [k for k in np.unique(numbers) if (numbers == k).sum() == 1])
         mine = np.flatnonzero(once & np.isin(numbers, pattern.tags))
         if len(mine) == 0:
             return None
-        middle = pattern.tag_middles_mm[numbers[mine] - pattern.first_tag]
-        board = (middle[:, None] + SIDES * pattern.mark_mm / 2).reshape(-1, 2)
+        board = pattern.tag_corners_mm[numbers[mine] - pattern.first_tag].reshape(-1, 2)
         image = corners[mine].reshape(-1, 2)
         whole = self._agree(board, image).reshape(-1, CORNERS_A_TAG).all(axis=1)
         keep = np.repeat(whole, CORNERS_A_TAG)
@@ -139,6 +138,13 @@ class _Reader:
         at = np.rint(maps[0]).astype(int).clip(0, np.array(self.image.shape[::-1]) - 1)
         level, black = self.image[at[:, 1], at[:, 0]].astype(float), pattern.cells.at(middle)
         return bool(level[black].mean() < level[~black].mean())
+
+
+def _read_tags(picture: np.ndarray, pattern: BoardPattern) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers (n,) and corners (n, 4, 2) of the tags that OpenCV reads."""
+    quads, read, _ = tag_detector(dictionary(pattern.names)).detectMarkers(picture)
+    found = np.zeros(0, int) if read is None else np.asarray(read).ravel().astype(int)
+    return found, np.asarray(quads, float).reshape(-1, CORNERS_A_TAG, 2)
 
 
 def measure_corners(

@@ -4,6 +4,7 @@ import re
 from dataclasses import dataclass
 
 from testfield.errors import TestfieldError
+from testfield.targets.board_pattern import BoardPattern
 from testfield.targets.code_table import FEWEST_BITS, MOST_BITS
 from testfield.targets.ring_code import BITS
 
@@ -14,14 +15,18 @@ KINDS = {
     "checkerboard:9x6": "inner corners of a checkerboard, by OpenCV",
     "charuco:7x5:DICT_4X4_50:30:22": "ChArUco: squares, dictionary, side of a square and of a marker in mm, by OpenCV",
     "aruco:DICT_4X4_50": "ArUco markers, by OpenCV",
+    "aprilgrid:6x6:88:26.4": "Kalibr's AprilGrid: tags in x and y, side of a tag and of a corner square in mm",
     "apriltag:36h11": "AprilTags, by pupil-apriltags where it is installed, else by OpenCV",
 }
+
+APRIL_GRID_TAGS = "DICT_APRILTAG_36h11"
 
 
 @dataclass(frozen=True)
 class TargetSpec:
     """A kind of target: `kind` the first word; `bits` of a ring code; `columns` and `rows`, 0 where not said;
-    `dictionary` of markers; `square_mm`, `marker_mm` of a ChArUco board."""
+    `dictionary` of markers; `square_mm`, `marker_mm` of a ChArUco board, and of an AprilGrid, whose squares stand
+    between its tags."""
 
     kind: str
     bits: int = 0
@@ -30,6 +35,12 @@ class TargetSpec:
     dictionary: str = ""
     square_mm: float = 1.0
     marker_mm: float = 0.7
+
+    def pattern(self, border_cells: int = 2) -> BoardPattern:
+        """The print of an AprilGrid."""
+        pitch_mm = self.marker_mm + self.square_mm
+        tags = self.dictionary, 0, False, border_cells
+        return BoardPattern(self.kind, self.columns, self.rows, pitch_mm, self.marker_mm, *tags)
 
 
 def parse_target(text: str, where: str = "--target") -> TargetSpec:
@@ -54,6 +65,11 @@ def parse_target(text: str, where: str = "--target") -> TargetSpec:
             if not 0 < marker < square < float("inf"):
                 raise _wrong(text, where, "a marker is smaller than its square, and both have a size")
             return TargetSpec(kind, 0, *_size(rest[0]), rest[1], square, marker)
+        if kind == "aprilgrid" and len(rest) == 3:
+            marker, square = float(rest[1]), float(rest[2])
+            if not 0 < square < marker < float("inf"):
+                raise _wrong(text, where, "a corner square is smaller than its tag, and both have a size")
+            return TargetSpec(kind, 0, *_size(rest[0]), APRIL_GRID_TAGS, square, marker)
         if kind in ("aruco", "apriltag") and len(rest) == 1 and rest[0]:
             # A scene names the family as OpenCV does, others as its makers do: both are understood.
             family = re.sub(r"(?i)^(dict_april)?tag_?", "", rest[0]) if kind == "apriltag" else rest[0]

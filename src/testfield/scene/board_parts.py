@@ -119,6 +119,40 @@ class TagGridPart(Part):
         return self
 
 
+class AprilGridPart(Part):
+    """Kalibr's AprilGrid: AprilTags from the lower left, with a black square at each of their corners."""
+
+    kind: Literal["aprilgrid"] = Field(description="Kalibr's AprilGrid.")
+    columns: int = Field(ge=1, le=100, description="Tags in x, Kalibr's tagCols.")
+    rows: int = Field(ge=1, le=100, description="Tags in y, Kalibr's tagRows.")
+    marker_mm: PositiveFloat = Field(description="Side of a tag, its black border included: Kalibr's tagSize.")
+    gap_mm: PositiveFloat = Field(description="Side of the corner squares: Kalibr's tagSpacing times tagSize.")
+    dictionary: Dictionary = Field("DICT_APRILTAG_36h11", description="OpenCV's dictionary of the tags.")
+    border_cells: int = Field(2, ge=1, le=2, description="Width of a tag's black border in cells; Kalibr prints 2.")
+    first_tag: int = Field(0, ge=0, description="Number of the tag at the lower left; the rest follow row by row.")
+
+    @property
+    def pattern(self) -> BoardPattern:
+        """What is printed."""
+        return BoardPattern(
+            self.kind,
+            self.columns,
+            self.rows,
+            self.marker_mm + self.gap_mm,
+            self.marker_mm,
+            self.dictionary,
+            self.first_tag,
+            border_cells=self.border_cells,
+        )
+
+    @model_validator(mode="after")
+    def _tags(self) -> "AprilGridPart":
+        if self.gap_mm >= self.marker_mm:
+            raise ValueError(f"gap_mm {self.gap_mm:g} is not smaller than marker_mm {self.marker_mm:g}")
+        _enough_tags(self.pattern)
+        return self
+
+
 class CirclesPart(Part):
     """A symmetric grid of plain dots. It looks the same upside down, so cameras must see it more or less upright."""
 
@@ -162,7 +196,8 @@ class AsymmetricCirclesPart(Part):
 
 
 PatternPart = Annotated[
-    CharucoPart | CheckerboardPart | TagGridPart | CirclesPart | AsymmetricCirclesPart, Field(discriminator="kind")
+    CharucoPart | CheckerboardPart | TagGridPart | AprilGridPart | CirclesPart | AsymmetricCirclesPart,
+    Field(discriminator="kind"),
 ]
 
 

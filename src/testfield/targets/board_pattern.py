@@ -62,7 +62,8 @@ class BoardKind:
 
     Corners are `crossing` where two edges cross, else they are a tag's own; they are looked for within
     `known_within_mm` of one that was read. Circles are `staggered` in an asymmetric grid. `shows_front` tells whether
-    an image of the board tells it from its mirror image.
+    an image of the board tells it from its mirror image. `turned_tags` are printed turned by half against OpenCV's
+    print, and `corner_squares` touch the corners of all tags.
 
     A kind that OpenCV's finders of tags, checkerboards and grids of circles do not find gives a finder of its own when
     it is registered: `read` (image (h, w), pattern) to a `detect.square_boards.Seen` or None, or `name` (centres
@@ -78,6 +79,8 @@ class BoardKind:
     crossing: bool = True
     staggered: bool = False
     shows_front: bool = True
+    turned_tags: bool = False
+    corner_squares: bool = False
 
 
 @dataclass(frozen=True)
@@ -87,7 +90,8 @@ class BoardPattern:
     `kind` a name of a `BoardKind`; `columns`, `rows` of squares, tags or circles; `pitch_mm` from one to the next (of
     an asymmetric grid: half the distance within a row, and from row to row); `mark_mm` a tag's side or a circle's
     diameter, 0 on a checkerboard; `names` the OpenCV dictionary of the tags; `first_tag` the number of the first;
-    `legacy`: a ChArUco board as OpenCV printed it before 4.6, black at the bottom left instead of the top left.
+    `legacy`: a ChArUco board as OpenCV printed it before 4.6, black at the bottom left instead of the top left;
+    `border_cells` how many cells wide the black border of a tag is.
     """
 
     kind: str
@@ -98,6 +102,7 @@ class BoardPattern:
     names: str = ""
     first_tag: int = 0
     legacy: bool = False
+    border_cells: int = 1
 
     @property
     def of_kind(self) -> BoardKind:
@@ -111,7 +116,7 @@ class BoardPattern:
 
     @property
     def tags(self) -> np.ndarray:
-        """(n,) numbers of its tags, row by row from the top left."""
+        """(n,) numbers of its tags, in the order of `tag_middles_mm`: row by row, mostly from the top left."""
         return self.first_tag + np.arange(len(self.tag_middles_mm))
 
     @cached_property
@@ -144,8 +149,14 @@ class BoardPattern:
 
     @property
     def cells_a_tag(self) -> int:
-        """Cells along a tag's side, its border of one cell included."""
-        return int(dictionary(self.names).markerSize) + 2
+        """Cells along a tag's side, its border included."""
+        return int(dictionary(self.names).markerSize) + 2 * self.border_cells
+
+    @property
+    def tag_corners_mm(self) -> np.ndarray:
+        """(n, 4, 2) outer corners of its tags, those of a tag in the order in which OpenCV reads them."""
+        sides = -SIDES if self.of_kind.turned_tags else SIDES
+        return self.tag_middles_mm[:, None] + sides * self.mark_mm / 2
 
 
 @cache
@@ -193,7 +204,8 @@ def with_tags(pattern: BoardPattern, middle: np.ndarray, black: np.ndarray) -> n
     for number, at in zip(pattern.tags, pattern.tag_middles_mm, strict=True):
         u, v = np.moveaxis((middle - at) / pattern.mark_mm + 0.5, -1, 0)
         inside = (u > 0) & (u < 1) & (v > 0) & (v < 1)
-        word = dictionary(pattern.names).generateImageMarker(int(number), n) == 0
+        word = dictionary(pattern.names).generateImageMarker(int(number), n, borderBits=pattern.border_cells) == 0
+        word = word[::-1, ::-1] if pattern.of_kind.turned_tags else word
         black[inside] = word[n - 1 - (v[inside] * n).astype(int), (u[inside] * n).astype(int)]
     return black
 

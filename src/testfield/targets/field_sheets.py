@@ -30,6 +30,7 @@ class _PatternSheet(Sheet):
     names: str = ""
     first_tag: Count = 0
     legacy: bool = False
+    border_cells: Annotated[int, pydantic.Field(ge=1, le=4)] = 1
 
 
 class BoardSheet(Sheet):
