@@ -14,7 +14,9 @@ import numpy as np
 
 from testfield.camera.images import SensorSheet
 from testfield.detect.centre import half_widths, usable, windows
-from testfield.detect.disc import disc_in_pixels, ellipse_outline, outline_points
+from testfield.detect.disc import ellipse_outline, outline_points
+from testfield.detect.normal_equations import by_cholesky
+from testfield.detect.outline_equations import ELLIPSE, outline_equations
 from testfield.detect.screen import half_axes_of
 
 DISC, POLYGON, UNEVEN, UNTOLD = range(4)
@@ -40,9 +42,7 @@ LARGEST_PX = 32.0
 ROUNDS, NEAR_PX = 12, 1e-3
 FIRST_BLUR_PX, LEAST_BLUR_PX, MOST_BLUR_PX = 0.8, 0.25, 6.0
 LEAST_POINTS = 48
-BATCH = 32
 CX, CY, AXX, AXY, AYY, BLUR, CONTRAST, BACKGROUND, CONTRAST_X, CONTRAST_Y, BACKGROUND_X, BACKGROUND_Y = range(12)
-ELLIPSE = 12
 
 
 def polygon_harmonic(corners: int) -> float:
@@ -120,9 +120,8 @@ def harmonics(image_dn: np.ndarray, sheet: SensorSheet, xy_px: np.ndarray, momen
     """What the pixels tell of the outlines of bright blobs; arguments as of `shapes`."""
     n, c = len(xy_px), len(CORNERS)
     found = Harmonics(*(np.full(shape, np.nan) for shape in ((n, c, 2), (n, c, 2, 2), (n, c), n, n)))
-    for rows, values, x, y, inside in windows(image_dn, xy_px, half_widths(moments_px2), BATCH):
-        origin = np.rint(xy_px[rows])
-        side = round(np.sqrt(values.shape[1]))
+    for rows, values, x, y, inside in windows(image_dn, xy_px, half_widths(moments_px2)):
+        origin, side = np.rint(xy_px[rows]), round(np.sqrt(values.shape[1]))
         window = _Window(values, x - origin[:, :1], y - origin[:, 1:], inside, side)
         theta, good = _start(window, xy_px[rows] - origin, moments_px2[rows], sheet)
         _fit(window, theta, good, sheet)
@@ -182,24 +181,27 @@ def _axes(theta: np.ndarray) -> np.ndarray:
 
 def _fit(window: _Window, theta: np.ndarray, good: np.ndarray, sheet: SensorSheet) -> None:
     """Gauss and Newton's iteration on `theta`; what is lost is struck from `good`."""
+    left = good.copy()
     for _ in range(ROUNDS):
-        model, jacobian = _model(window, theta, False)
-        normal, score = _normal_matrix(jacobian, window.use / sheet.variance_dn2(model), window.values - model)
+        rows = np.flatnonzero(left)
+        if not len(rows):
+            return
+        now = theta[rows]
+        normal, score = _equations(window, rows, now, sheet, False)
         step = np.einsum("nij,nj->ni", _inverse(normal), score)
         longest = np.abs(step[:, : BLUR + 1]).max(axis=1)
-        limit = np.minimum(1, 0.5 / np.maximum(longest, 1e-12))
-        theta += np.where(good[:, None], limit[:, None] * step, 0)
-        theta[:, BLUR] = theta[:, BLUR].clip(LEAST_BLUR_PX, MOST_BLUR_PX)
-        good &= _sound(theta, window.side)
-        theta[~good] = _harmless(sheet)
-        if (longest[good] < NEAR_PX).all():
-            return
+        now += np.minimum(1, 0.5 / np.maximum(longest, 1e-12))[:, None] * step
+        now[:, BLUR] = now[:, BLUR].clip(LEAST_BLUR_PX, MOST_BLUR_PX)
+        sound = _sound(now, window.side)
+        now[~sound] = _harmless(sheet)
+        theta[rows], good[rows] = now, sound
+        # One that has settled stays: it takes no time, and how often it is stepped does not depend on the others.
+        left[rows] = sound & ~(longest < NEAR_PX)
 
 
 def _measure(window: _Window, theta: np.ndarray, sheet: SensorSheet) -> tuple[np.ndarray, ...]:
     """What `Harmonics` holds, about fitted ellipses."""
-    model, jacobian = _model(window, theta, True)
-    normal, score = _normal_matrix(jacobian, window.use / sheet.variance_dn2(model), window.values - model)
+    normal, score = _equations(window, np.arange(len(theta)), theta, sheet, True)
     eliminate = normal[:, ELLIPSE:, :ELLIPSE] @ _inverse(normal[:, :ELLIPSE, :ELLIPSE])
     information = normal[:, ELLIPSE:, ELLIPSE:] - eliminate @ normal[:, :ELLIPSE, ELLIPSE:]
     score = score[:, ELLIPSE:] - np.einsum("nij,nj->ni", eliminate, score[:, :ELLIPSE])
@@ -219,50 +221,31 @@ def _measure(window: _Window, theta: np.ndarray, sheet: SensorSheet) -> tuple[np
     return np.stack(parts, axis=1), np.stack(informations, axis=1), np.stack(separations, axis=1), hollow, u_hollow
 
 
-def _model(window: _Window, theta: np.ndarray, with_harmonics: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Pixel values (n, k) and their derivatives (n, 12, k) by the ellipse's parameters, and, where asked, by cosine and
-    sine of each harmonic, in parts of the radius, and by the level of a disc in the middle."""
-    n, side, axes = len(theta), window.side, _axes(theta)
+def _equations(
+    window: _Window, rows: np.ndarray, theta: np.ndarray, sheet: SensorSheet, with_harmonics: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """Normal matrices (n, p, p) and right sides (n, p) of some windows, by the ellipse's parameters, and, where asked,
+    by cosine and sine of each harmonic, in parts of the radius, and by the level of a disc in the middle."""
+    n, axes = len(theta), _axes(theta)
     largest = float(np.abs(np.linalg.eigvalsh(axes)).max())
     count = max(outline_points(largest, float(theta[:, BLUR].min())), LEAST_POINTS)
     outline, tangent, by_shape = ellipse_outline(axes, count)
-    by_shape = np.broadcast_to(by_shape, (n, *by_shape.shape))
+    by_shape, centre, hole = np.broadcast_to(by_shape, (n, *by_shape.shape)), theta[:, None, :2], None
     if with_harmonics:
         angle = 2 * np.pi * np.arange(count) / count
         waves = np.concatenate([[np.cos(k * angle), np.sin(k * angle)] for k in CORNERS])
         by_shape = np.concatenate([by_shape, waves[:, :, None] * outline[:, None]], axis=1)
-    grid = window.x[:, :side], window.y[:, ::side]
-    disc = disc_in_pixels(outline + theta[:, None, :2], tangent, by_shape, theta[:, BLUR], *grid)
-    value = disc.value.reshape(n, -1)
-    middle = []
-    if with_harmonics:
-        hole = HOLE * outline + theta[:, None, :2]
-        inner = disc_in_pixels(hole, HOLE * tangent, by_shape[:, :1], theta[:, BLUR], *grid)
-        middle = [inner.value.reshape(n, 1, -1)]
-    by_shape = disc.by_shape.reshape(n, -1, side * side)
-    dx, dy = window.x - theta[:, [CX]], window.y - theta[:, [CY]]
-    lit = theta[:, [CONTRAST]] + theta[:, [CONTRAST_X]] * dx + theta[:, [CONTRAST_Y]] * dy
-    jacobian = np.empty((n, ELLIPSE + by_shape.shape[1] - BLUR, side * side))
-    jacobian[:, :BLUR] = lit[:, None] * by_shape[:, :BLUR]
-    for k in (0, 1):
-        jacobian[:, CX + k] -= theta[:, [CONTRAST_X + k]] * value + theta[:, [BACKGROUND_X + k]]
-    jacobian[:, BLUR] = lit * disc.by_blur.reshape(n, -1)
-    jacobian[:, CONTRAST], jacobian[:, BACKGROUND] = value, 1
-    jacobian[:, CONTRAST_X], jacobian[:, CONTRAST_Y] = value * dx, value * dy
-    jacobian[:, BACKGROUND_X], jacobian[:, BACKGROUND_Y] = dx, dy
-    jacobian[:, ELLIPSE:] = lit[:, None] * by_shape[:, BLUR:]
-    ground = theta[:, [BACKGROUND]] + theta[:, [BACKGROUND_X]] * dx + theta[:, [BACKGROUND_Y]] * dy
-    return ground + lit * value, np.concatenate([jacobian, *middle], axis=1)
-
-
-def _normal_matrix(jacobian: np.ndarray, weight: np.ndarray, residual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Normal matrices (n, p, p) and their right sides (n, p)."""
-    weighted = jacobian * weight[:, None]
-    return weighted @ np.swapaxes(jacobian, 1, 2), (weighted @ residual[..., None])[..., 0]
+        hole = HOLE * outline + centre, HOLE * tangent
+    pixels = (values[rows].reshape(n, window.side, window.side) for values in (window.values, window.use))
+    return outline_equations(*pixels, theta, (outline + centre, tangent, by_shape), hole, sheet.noise_line())
 
 
 def _inverse(normal: np.ndarray) -> np.ndarray:
     """Inverses of normal matrices, whatever their parameters' units; what the pixels do not tell stays as it is."""
-    scale = 1 / np.sqrt(np.maximum(np.einsum("nii->ni", normal), 1e-300))
-    unit = np.nan_to_num(normal * scale[:, :, None] * scale[:, None, :])
-    return np.linalg.pinv(unit, 1e-9, hermitian=True) * scale[:, :, None] * scale[:, None, :]
+    found, whole = by_cholesky(np.ascontiguousarray(normal))
+    rest = np.flatnonzero(~whole)
+    if len(rest):
+        scale = 1 / np.sqrt(np.maximum(np.einsum("nii->ni", normal[rest]), 1e-300))
+        unit = np.nan_to_num(normal[rest] * scale[:, :, None] * scale[:, None, :])
+        found[rest] = np.linalg.pinv(unit, 1e-9, hermitian=True) * scale[:, :, None] * scale[:, None, :]
+    return found
