@@ -1,10 +1,15 @@
 """`testfield measure IMAGE... --field FIELD.toml`: real photographs to coordinates with their covariance."""
 
 import argparse
+import os
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TextIO
 
 from testfield.cli.show import add_load, add_strict
+
+if TYPE_CHECKING:
+    from testfield.measure.kept_detections import Kept, Look
 
 
 def add(commands: Any) -> None:
@@ -36,6 +41,9 @@ def add(commands: Any) -> None:
     p.add_argument("--focal-px", type=float, metavar="PX", help="a first guess of the focal length; not needed")
     p.add_argument("--bayer", metavar="ORDER", help="the images are raw mosaics: RGGB, BGGR, GRBG or GBRG")
     p.add_argument("--smallest-px", type=float, default=5.0, metavar="PX", help="least diameter of a dot (default: 5)")
+    p.add_argument(
+        "--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes that detect (default: all cores)"
+    )
     p.add_argument("--json", action="store_true", help="print one JSON object")
     add_load(p)
     add_strict(p)
@@ -61,16 +69,15 @@ def _measure(args: argparse.Namespace) -> int:
 
     from testfield.camera.interior import check_held
     from testfield.camera.mosaic import ORDERS
-    from testfield.camera.photograph import read_photograph
     from testfield.cli.cameras import owners_of, taken_of
     from testfield.cli.detect import _images, refuse_over
     from testfield.cli.show import status_of
     from testfield.detect.photograph import AUTO, ON_BLACK, ON_WHITE, detect_in_photograph
     from testfield.detect.target_spec import parse_target
     from testfield.errors import TestfieldError
+    from testfield.measure.kept_detections import Look, put_picture
     from testfield.measure.photographs import measure
     from testfield.report.measured import write_measurement
-    from testfield.report.photograph import draw_found
     from testfield.scene.shipped import find_field
     from testfield.targets.code_table import codes_for
     from testfield.targets.field_file import load_field_file
@@ -86,6 +93,8 @@ def _measure(args: argparse.Namespace) -> int:
     check_held(hold, args.lens, "--hold")
     if args.bayer is not None and args.bayer not in ORDERS:
         raise TestfieldError(f"no Bayer order is called '{args.bayer}'", "--bayer", f"one of {', '.join(ORDERS)}")
+    if args.jobs < 1:
+        raise TestfieldError(f"value {args.jobs}", "--jobs", "give 1 or more")
     if not 2 <= args.smallest_px <= 200:
         raise TestfieldError(f"value {args.smallest_px}", "--smallest-px", "give 2 to 200")
     if args.focal_px is not None and not args.focal_px > 0:
@@ -97,28 +106,25 @@ def _measure(args: argparse.Namespace) -> int:
     owners = owners_of(args.images, field, str(args.field), args.lens, args.by_folder, args.rig)
     names: list[str] = []
     found, sizes, trouble, folders, places = [], [], [], [], []
-    for folder, path in [(given, path) for given in args.images for path in _images([given])]:
-        try:
-            photograph = read_photograph(path, args.bayer)
-        except TestfieldError as error:
-            print(f"testfield: {error.sentence()}", file=sys.stderr)
+    given = [(folder, path) for folder in args.images for path in _images([folder])]
+    arguments = (target, field.target.radii, polarity, args.smallest_px, codes)
+    look = Look(detect_in_photograph, arguments, args.bayer)
+    kept = _detections([path for _, path in given], look, out / "detections", args.jobs, say)
+    for (folder, path), one in zip(given, kept, strict=True):
+        if one.found is None:
             trouble.append(f"'{path.name}' cannot be read and is left out")
             continue
-        place = photograph.name
-        if owners:
-            photograph = replace(photograph, name=owners.name_of(place, folder))
-        if photograph.name in names:
-            count = next(k for k in range(2, len(names) + 3) if f"{photograph.name}-{k}" not in names)
-            photograph = replace(photograph, name=f"{photograph.name}-{count}")
-        one = detect_in_photograph(photograph, target, field.target.radii, polarity, args.smallest_px, codes)
-        refuse_over(args.images, out / f"{photograph.name}.png")
-        draw_found(photograph, one, out / f"{photograph.name}.png")
-        print(f"{path.name}: {one.summary}", file=say)
-        names.append(photograph.name)
+        name = owners.name_of(path.stem, folder) if owners else path.stem
+        if name in names:
+            count = next(k for k in range(2, len(names) + 3) if f"{name}-{k}" not in names)
+            name = f"{name}-{count}"
+        refuse_over(args.images, out / f"{name}.png")
+        put_picture(one, out / f"{name}.png")
+        names.append(name)
         folders.append(folder)
-        places.append(place)
-        found.append(one)
-        sizes.append((photograph.pixels.shape[1], photograph.pixels.shape[0]))
+        places.append(path.stem)
+        found.append(one.found)
+        sizes.append(one.size_px)
     if not found:
         raise TestfieldError("no image can be read", str(args.images[0]), "give photographs")
     taken = taken_of(owners, folders, places, sizes) if owners else None
@@ -157,3 +163,24 @@ def _measure(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps(summary))
     return status_of(summary["failures"], args.strict)
+
+
+def _detections(paths: Sequence[Path], look: "Look", folder: Path, jobs: int, say: TextIO) -> list["Kept"]:
+    """What is seen in photographs, a line each as it becomes known."""
+    import sys
+
+    from testfield.measure.kept_detections import detect_each
+    from testfield.report.photograph import draw_found
+
+    done = 0
+
+    def tell(number: int, kept: "Kept", before: bool) -> None:
+        nonlocal done
+        done += 1
+        if kept.found is None:
+            print(f"testfield: {kept.trouble}", file=sys.stderr, flush=True)
+            return
+        head = f"{done} of {len(paths)}, {paths[number].name}: "
+        print(f"{head}{kept.found.summary}{' (kept from before)' if before else ''}", file=say, flush=True)
+
+    return detect_each(paths, look, folder, draw_found, jobs, tell)
