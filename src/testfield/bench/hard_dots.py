@@ -45,13 +45,13 @@ class Picture:
 
     @property
     def xy_px(self) -> np.ndarray:
-        """(n, 2) centres of the dots' areas, of even lines and odd lines together."""
+        """(n, 2) centres of the dots' areas, in the exposure of the even lines."""
         x, y = np.moveaxis(self.outline_px, -1, 0)
         x1, y1 = np.roll(x, -1, axis=1), np.roll(y, -1, axis=1)
         cross = x * y1 - x1 * y
         area = cross.sum(axis=1)
         at = [((a + b) * cross).sum(axis=1) / (3 * area) for a, b in ((x, x1), (y, y1))]
-        return np.column_stack(at) + [self.shift_px / 2, 0]
+        return np.column_stack(at)
 
     @property
     def diameter_px(self) -> np.ndarray:
@@ -182,7 +182,9 @@ def at_border(angle_deg: float, diameter_px: float, blur_px: float = 0.7, snr: f
 def found_of(picture: Picture, look: Callable[[Photograph], Found]) -> dict[str, Any]:
     """How many of the dots are measured and how far off (rms, px), how many finds are none, and why others are not."""
     found = look(draw(picture)).observations
-    distance = np.linalg.norm(found.xy_px[:, None] - picture.xy_px, axis=2)
+    # All lines of an interlaced picture show the mean of two exposures, the even ones the first of them.
+    exposures = [picture.xy_px + [shift, 0] for shift in (0.0, picture.shift_px / 2)]
+    distance = np.min([np.linalg.norm(found.xy_px[:, None] - xy, axis=2) for xy in exposures], axis=0)
     distance = np.where(np.isfinite(distance), distance, np.inf)
     measured = found.status == MEASURED
     of = distance.argmin(axis=1) if len(distance) else np.zeros(0, int)

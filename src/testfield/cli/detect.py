@@ -5,14 +5,16 @@ import os
 from pathlib import Path
 from typing import Any
 
+from testfield.cli.knobs import add_knobs, knobs_of
 from testfield.store.text import read_text
 
 OF_RUNS = ("jobs",)
-OF_PHOTOGRAPHS = ("radii", "codes", "polarity", "bayer", "smallest_px", "out")
+OF_PHOTOGRAPHS = ("radii", "codes", "polarity", "bayer", "smallest_px", "largest_px", "unclear", "lines", "out")
 OF_KINDS = {
     ("radii", "codes"): ("ring",),
     ("polarity",): ("ring", "circles"),
     ("smallest_px",): ("ring", "circles", "acircles"),
+    ("largest_px", "unclear", "lines"): ("ring", "circles"),
 }
 """Which options mean something for which kinds of targets."""
 NAMES = {"polarity": "--white-on-black or --black-on-white"}
@@ -50,6 +52,7 @@ def add(commands: Any) -> None:
     way.add_argument("--black-on-white", dest="polarity", action="store_const", const="black on white")
     p.add_argument("--bayer", metavar="ORDER", help="the images are raw mosaics: RGGB, BGGR, GRBG or GBRG")
     p.add_argument("--smallest-px", type=float, metavar="PX", help="least diameter of a dot (default: 5)")
+    add_knobs(p)
     p.add_argument("--out", type=Path, metavar="FOLDER", help="where pictures and tables go (default: renders/detect)")
     p.add_argument("--json", action="store_true", help="print one JSON object")
     p.add_argument("--jobs", type=int, metavar="N", help="of a run: processes at once")
@@ -114,6 +117,7 @@ def _photographs(args: argparse.Namespace) -> int:
         )
     if not 2 <= smallest_px <= 200:
         raise TestfieldError(f"value {smallest_px}", "--smallest-px", "give 2 to 200")
+    knobs = knobs_of(args, smallest_px)
     out = args.out or Path("renders/detect")
     photographs: list[Photograph] = []
     found: list[Found] = []
@@ -131,7 +135,7 @@ def _photographs(args: argparse.Namespace) -> int:
         if photograph.name in taken:
             count = next(k for k in range(2, len(taken) + 3) if f"{photograph.name}-{k}" not in taken)
             photograph = replace(photograph, name=f"{photograph.name}-{count}")
-        one = detect_in_photograph(photograph, target, radii, polarity, smallest_px, codes)
+        one = detect_in_photograph(photograph, target, radii, polarity, smallest_px, codes, knobs)
         refuse_over(args.what, out / f"{photograph.name}.png")
         draw_found(photograph, one, out / f"{photograph.name}.png")
         # Pixels are let go: a hundred photographs need not fit into memory.

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
+from testfield.cli.knobs import add_knobs, knobs_of
 from testfield.cli.show import add_load, add_strict
 
 if TYPE_CHECKING:
@@ -41,6 +42,7 @@ def add(commands: Any) -> None:
     p.add_argument("--focal-px", type=float, metavar="PX", help="a first guess of the focal length; not needed")
     p.add_argument("--bayer", metavar="ORDER", help="the images are raw mosaics: RGGB, BGGR, GRBG or GBRG")
     p.add_argument("--smallest-px", type=float, default=5.0, metavar="PX", help="least diameter of a dot (default: 5)")
+    add_knobs(p)
     p.add_argument(
         "--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes that detect (default: all cores)"
     )
@@ -107,7 +109,7 @@ def _measure(args: argparse.Namespace) -> int:
     names: list[str] = []
     found, sizes, trouble, folders, places = [], [], [], [], []
     given = [(folder, path) for folder in args.images for path in _images([folder])]
-    arguments = (target, field.target.radii, polarity, args.smallest_px, codes)
+    arguments = (target, field.target.radii, polarity, args.smallest_px, codes, knobs_of(args, args.smallest_px))
     look = Look(detect_in_photograph, arguments, args.bayer)
     kept = _detections([path for _, path in given], look, out / "detections", args.jobs, say)
     for (folder, path), one in zip(given, kept, strict=True):

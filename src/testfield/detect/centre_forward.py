@@ -69,22 +69,22 @@ def forward_model(
     found = Centres.empty(n)
     if n == 0:
         return found
-    theta, variance, good = _start(xy_px, moments_px2), np.zeros((n, 8)), np.zeros(n, bool)
+    theta, variance, good = start(xy_px, moments_px2), np.zeros((n, 8)), np.zeros(n, bool)
     with threadpool_limits(1, "blas"), ThreadPoolExecutor(min(os.cpu_count() or 1, 4)) as pool:
         # First without gradients, which gives every dot's contrast; then with what the contrasts say of the light.
         batches = list(window_batches(image_dn, theta))
-        for batch, fit in zip(batches, pool.map(lambda b: _refine(b, sheet, interior, None), batches), strict=True):
+        for batch, fit in zip(batches, pool.map(lambda b: refine(b, sheet, interior, None), batches), strict=True):
             theta[batch.rows], good[batch.rows] = batch.theta, fit.converged
             theta[batch.rows, :2] += batch.middle
             variance[batch.rows] = np.einsum("nii->ni", inverse(fit.normal))
         light = _light(theta, variance, good)
         batches = list(window_batches(image_dn, theta))
-        for batch, fit in zip(batches, pool.map(lambda b: _refine(b, sheet, interior, light), batches), strict=True):
+        for batch, fit in zip(batches, pool.map(lambda b: refine(b, sheet, interior, light), batches), strict=True):
             found.put(batch.rows, _centres(batch, fit, sheet, interior))
     return found
 
 
-def _start(xy: np.ndarray, moments: np.ndarray) -> np.ndarray:
+def start(xy: np.ndarray, moments: np.ndarray) -> np.ndarray:
     """(n, 12) parameters from blobs; centres in px. Levels are left to the first step, for they are linear."""
     theta = np.zeros((len(xy), 12))
     axes = root(4 * moments)
@@ -134,7 +134,7 @@ class _Fit:
     converged: np.ndarray
 
 
-def _refine(
+def refine(
     batch: Batch, sheet: SensorSheet, interior: Interior | None, light: tuple[np.ndarray, np.ndarray] | None
 ) -> _Fit:
     """Gauss and Newton's iteration with weights of the model's own variance; changes `batch.theta`.

@@ -18,12 +18,14 @@ from testfield.detect.contour import ROUGHLY, is_elliptic
 from testfield.detect.decode import CROWDED, CUT, PLAIN, UNREADABLE, decode
 from testfield.detect.find import find_blobs
 from testfield.detect.identify import identify
+from testfield.detect.knobs import ALIKE, LARGEST_PX
 from testfield.detect.observations import MEASURED, Observations
 from testfield.detect.one_row import first_rows
 from testfield.detect.ones_own import blobs_of, numbers_of
-from testfield.detect.outline import POLYGON, UNEVEN, UNTOLD, shapes
+from testfield.detect.outline import DISC, POLYGON, UNEVEN, UNTOLD, shapes
 from testfield.detect.ring_check import OTHERS, compared
 from testfield.detect.screen import may_be_dots
+from testfield.detect.small_dots import SMALLEST_PART, believed_dots, fit_small
 from testfield.detect.square_boards import detect_squares
 from testfield.detect.targets import Targets
 from testfield.registry import find
@@ -32,7 +34,6 @@ from testfield.targets.field import Field
 from testfield.targets.marks import RingRadii
 from testfield.targets.ring_code import repeats
 
-LARGEST_PX = 210.0
 NO_OPTIONS: Mapping[str, Any] = MappingProxyType({})
 ROUGH = "grey_centroid"
 """The estimator that looks at every blob before the one that was asked for."""
@@ -122,13 +123,15 @@ def measure_targets(
     finder: Callable | None = None,
     decoder: Callable | None = None,
     codes: CodeTable | None = None,
+    unclear: str = ALIKE,
 ) -> Targets:
     """Find, centre and decode in an image (h, w) float32 of bright marks; `bits` None: plain dots, rings are not read.
     `codes`: the rings' numbers in a table of a maker's own, whose words have so many bits.
 
     `by_contour`: whether a dot is whole is asked of its edge alone, not of every pixel. Photographs need it, whose
     shadows cross dots and whose noise is only estimated; what the model leaves unexplained then widens the covariance.
-    Every blob that stands alone on darker ground gets a row, whether it was measured or not.
+    Every blob that stands alone on darker ground gets a row, whether it was measured or not. `unclear` as `UNCLEAR` of
+    `knobs.py`.
     """
     if finder is None:
         blobs = find_blobs(image, sheet, smallest_px, largest_px)
@@ -150,6 +153,8 @@ def measure_targets(
     centres = Centres(**{name: values[rows] for name, values in vars(rough).items()})
     if centroid != ROUGH:
         centres = find("centroids", centroid)(image, sheet, xy, moments, **options).completed(centres)
+        if by_contour:
+            fit_small(image, sheet, xy, moments, rough.contrast_dn[rows], centres, unclear)
     n = len(xy)
     status = np.full(n, MEASURED, dtype=object)
     status[~centres.ok] = "no ellipse fits"
@@ -167,7 +172,7 @@ def measure_targets(
             (not_elliptic | hollow, "not an ellipse"),
             (centres.contrast_dn < LEAST_CONTRAST * noise, "too little contrast"),
             (_full(centres, sheet), "saturated"),
-            (diameter < smallest_px, "too small"),
+            (diameter < (SMALLEST_PART * smallest_px if by_contour else smallest_px), "too small"),
         ):
             status[(status == MEASURED) & bad] = why
 
@@ -214,6 +219,10 @@ def measure_targets(
         asked = np.flatnonzero(good & (code >= 0))
         form = shapes(image, sheet, centres.xy_px[asked], centres.moments_px2[asked])
         status[asked[form == POLYGON]], code[asked[form == POLYGON]] = "a polygon", CROWDED
+        dots, plain = status == MEASURED, code[asked] == PLAIN
+        dots[asked] &= plain & ((form == DISC) | (form == UNTOLD))
+        believed = believed_dots(centres, dots, asked[plain & (form == UNTOLD)], unclear)
+        form[believed[asked]] = DISC
         for what, why in ((UNEVEN, "a ring or a spot"), (UNTOLD, "too blurred to tell its shape")):
             # A ring code that was read vouches for its dot.
             status[asked[(form == what) & (code[asked] == PLAIN)]] = why
@@ -246,6 +255,7 @@ def measure_targets(
         left_out=blobs.left_out,
         radii=shape,
         passed_over={why: count for why, count in passed_over.items() if count},
+        blobs=blobs,
     )
 
 

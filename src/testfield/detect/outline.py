@@ -236,8 +236,9 @@ def _equations(
         waves = np.concatenate([[np.cos(k * angle), np.sin(k * angle)] for k in CORNERS])
         by_shape = np.concatenate([by_shape, waves[:, :, None] * outline[:, None]], axis=1)
         hole = HOLE * outline + centre, HOLE * tangent
-    pixels = (values[rows].reshape(n, window.side, window.side) for values in (window.values, window.use))
-    return outline_equations(*pixels, theta, (outline + centre, tangent, by_shape), hole, sheet.noise_line())
+    square = n, window.side, window.side
+    values, use = window.values[rows].reshape(square), window.use[rows].reshape(square)
+    return outline_equations(values, use, theta, (outline + centre, tangent, by_shape), hole, sheet.noise_line())
 
 
 def _inverse(normal: np.ndarray) -> np.ndarray:

@@ -8,8 +8,9 @@ import numpy as np
 from testfield.camera.images import InvertedSheet
 from testfield.camera.photograph import Photograph
 from testfield.detect.circle_grid import order_grid
-from testfield.detect.detect import measure_targets
+from testfield.detect.every_dot import measured
 from testfield.detect.hints import exposure, of_boards, of_dots, of_grids, of_rings
+from testfield.detect.knobs import DEFAULT, Knobs
 from testfield.detect.noise import estimate_sheet
 from testfield.detect.observations import MEASURED, TEXTURE, Observations
 from testfield.detect.opencv_boards import detect_board
@@ -73,10 +74,11 @@ def detect_in_photograph(
     polarity: str = AUTO,
     smallest_px: float = SMALLEST_PX,
     codes: CodeTable | None = None,
+    knobs: Knobs = DEFAULT,
 ) -> Found:
     """Everything of one kind in one photograph. `radii` the rings' shape, as 1:2:3; `polarity` one of the three; dots
     of less than `smallest_px` diameter are not looked for. An image that shows nothing gives an empty result. `codes`
-    is the table of the rings' numbers where it is not that of their bits."""
+    is the table of the rings' numbers where it is not that of their bits; `knobs` turn what is decided by default."""
     if target.kind not in ("ring", "circles"):
         board = _of_board(photograph, target, smallest_px)
         if not len(board.observations):
@@ -84,7 +86,7 @@ def detect_in_photograph(
             board = replace(board, notes=(*board.notes, *exposure(photograph), *seen))
         return board
     ways = (ON_BLACK, ON_WHITE) if polarity == AUTO else (polarity,)
-    found = [_dots(photograph, target, way, radii, smallest_px, codes) for way in ways]
+    found = [_dots(photograph, target, way, radii, smallest_px, codes, knobs) for way in ways]
     best = max(found, key=_worth)
     shown = (best.observations.code > 0).any() or (best.place >= 0).any()
     return best if shown else replace(best, notes=(*best.notes, *exposure(photograph)))
@@ -111,6 +113,7 @@ def _dots(
     radii: str,
     smallest_px: float,
     codes: CodeTable | None = None,
+    knobs: Knobs = DEFAULT,
 ) -> Found:
     image, sheet = photograph.pixels, estimate_sheet(photograph.pixels, photograph.bits, photograph.end_dn)
     middle = float(np.median(image))
@@ -120,7 +123,9 @@ def _dots(
         sheet = InvertedSheet(sheet.gain_e_per_dn, sheet.read_noise_e, 0.0, sheet.bits, sheet.full_well_e)
         image = sheet.largest_dn - image
     bits, shape = target.bits if target.kind == "ring" else None, ring_radii(radii)
-    targets = measure_targets(image, sheet, "ellipse_model", smallest_px, bits, shape, by_contour=True, codes=codes)
+
+    targets, said = measured(image, sheet, bits, shape, smallest_px, codes, knobs)
+    notes += said
     place = np.full((len(targets.code), 2), -1)
     if target.kind == "circles":
         place = _grid_places(targets, target)

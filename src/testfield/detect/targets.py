@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from testfield.detect.find import Blobs
 from testfield.detect.observations import Observations
 from testfield.targets.marks import RingRadii
 
@@ -14,7 +15,7 @@ class Targets:
     in `Centres`; `code` (n,) as `decode` gives it, `CROWDED` where nothing was read; `affine` (n, 2, 2) likewise;
     `status` (n,) `measured` or why not; `background_dn` and `contrast_dn` (n,) as in `Centres`; `left_out` how many
     blobs there were beyond `MOST_BLOBS`; `radii` the shape that the rings turned out to have; `passed_over` how many
-    blobs have no row, by reason."""
+    blobs have no row, by reason; `blobs` what was found before anything was asked of it."""
 
     xy_px: np.ndarray
     cov_px2: np.ndarray
@@ -29,6 +30,7 @@ class Targets:
     left_out: int = 0
     radii: RingRadii | None = None
     passed_over: dict[str, int] = field(default_factory=dict)
+    blobs: Blobs | None = None
 
     def observations(self, station: str, board: np.ndarray, point: np.ndarray) -> Observations:
         """As observations of one station, once the boards (n,) and points (n,) are known."""

@@ -140,7 +140,7 @@ def _read(file: Path, path: Path) -> Kept | None:
     picture = file.with_suffix(".png")
     try:
         with np.load(file, allow_pickle=False) as arrays:
-            columns = dict(arrays)
+            columns: dict[str, Any] = dict(arrays)
         said = json.loads(str(columns.pop("said")))
         size, notes = (int(said["size_px"][0]), int(said["size_px"][1])), tuple(said["notes"])
         if said["trouble"]:
@@ -150,9 +150,9 @@ def _read(file: Path, path: Path) -> Kept | None:
         if not picture.is_file():
             return None
         place, of_found = columns.pop("place"), said["found"]
-        values = {name: tuple(v) if isinstance(v, list) else v for name, v in of_found["observations"].items()}
+        columns |= {name: tuple(v) if isinstance(v, list) else v for name, v in of_found["observations"].items()}
         columns["status"] = columns["status"].astype(object)
-        observations = replace(Observations(**columns, **values), stations=(path.stem,))
+        observations = replace(Observations(**columns), stations=(path.stem,))
     except (zipfile.BadZipFile, *DAMAGE):
         return None
     found = Found(observations, place, tuple(of_found["notes"]), of_found["passed_over"])
