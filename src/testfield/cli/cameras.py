@@ -4,7 +4,9 @@ from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
+from testfield.camera.exif import Exif, read_exif
 from testfield.errors import TestfieldError, nearest
+from testfield.measure.one_camera import Header
 from testfield.measure.photographs import Taken
 from testfield.targets.camera_sheet import CameraSheet, RigSheet
 from testfield.targets.field_file import FieldFile
@@ -70,3 +72,18 @@ def taken_of(owners: Owners, folders: list[Path], places: list[str], sizes: list
         width, height = Counter(s for s, own in zip(sizes, names, strict=True) if own == name).most_common(1)[0][0]
         sheets.append(CameraSheet(name, width, height, owners.lens[name]))
     return Taken(tuple(sheets), owners.rigs, tuple(names), tuple(places))
+
+
+def headers_of(files: list[tuple[Path, Path]], owners: Owners | None) -> list[Header]:
+    """What the headers of image files (their folder as it was given, their path) tell, of those that can be read."""
+    return [
+        Header(path.name, owners.by_folder[folder] if owners else "", exif)
+        for folder, path in files
+        if (exif := read_exif(path)) is not None
+    ]
+
+
+def decoded_of(names: list[str], cameras: tuple[str, ...] | None, sizes: list[tuple[int, int]]) -> list[Header]:
+    """The same of images as they were decoded: their sizes alone."""
+    owned = cameras or ("",) * len(names)
+    return [Header(name, camera, Exif(size)) for name, camera, size in zip(names, owned, sizes, strict=True)]

@@ -38,7 +38,7 @@ def add(commands: Any) -> None:
         "--target",
         metavar="KIND",
         help="what the images show: ring14, circles, circles:10x8, acircles:4x11, checkerboard:9x6, "
-        "charuco:7x5:DICT_4X4_50:30:22 (mm), aruco:DICT_4X4_50, apriltag:36h11, "
+        "charuco:7x5:DICT_4X4_50:30:22 (mm), tags:5x7:DICT_6X6_50:30:24 (mm), aruco:DICT_4X4_50, apriltag:36h11, "
         "aprilgrid:6x6:88:26.4 (mm)",
     )
     p.add_argument(
@@ -121,6 +121,7 @@ def _photographs(args: argparse.Namespace) -> int:
     out = args.out or Path("renders/detect")
     photographs: list[Photograph] = []
     found: list[Found] = []
+    sizes: list[tuple[int, int]] = []
     trouble = 0
     say = sys.stderr if args.json else sys.stdout
     for path in _images(args.what):
@@ -138,13 +139,14 @@ def _photographs(args: argparse.Namespace) -> int:
         one = detect_in_photograph(photograph, target, radii, polarity, smallest_px, codes, knobs)
         refuse_over(args.what, out / f"{photograph.name}.png")
         draw_found(photograph, one, out / f"{photograph.name}.png")
+        sizes.append((photograph.pixels.shape[1], photograph.pixels.shape[0]))
         # Pixels are let go: a hundred photographs need not fit into memory.
         photographs.append(replace(photograph, pixels=photograph.pixels[:1, :1]))
         found.append(one)
         print(f"{path.name}: {one.summary}", file=say)
         print(f"  {'; '.join((*photograph.notes, *one.notes))}", file=say)
     if photographs:
-        write_found(photographs, found, out)
+        write_found(photographs, found, out, sizes, args.target)
         print(f"pictures and tables in {out}", file=say)
         if args.json:
             print(json.dumps(json.loads(read_text(out / "detection.json")) | {"unreadable": trouble}))

@@ -19,13 +19,26 @@ def add(commands: Any) -> None:
 
     p = commands.add_parser(
         "measure",
-        help="photographs of coded targets: camera, coordinates, lengths, with their covariance",
+        help="photographs of coded targets or of a calibration board: camera, coordinates, lengths, with covariance",
         description="Photographs by one camera, of which nothing is known: targets are found, the camera calibrates "
-        "itself, dots without a code are named by their rays, and coordinates are reported with their covariance. The "
-        "field file names the targets and what is certified: places of codes, or distances between two of them.",
+        "itself, dots without a code are named by their rays, and coordinates are reported with covariance. The "
+        "field file names the targets and what is certified: places of codes, or distances between two. Boards "
+        "(checkerboard, ChArUco, tags, circles) calibrate the camera: --target names one, without a field file.",
     )
-    p.add_argument("images", type=Path, nargs="+", metavar="IMAGE", help="images, or folders of them")
-    p.add_argument("--field", type=Path, required=True, metavar="FIELD.toml", help="targets, and what is certified")
+    p.add_argument("images", type=Path, nargs="*", metavar="IMAGE", help="images, or folders of them")
+    what = p.add_mutually_exclusive_group(required=True)
+    what.add_argument("--field", type=Path, metavar="FIELD.toml", help="targets, and what is certified")
+    what.add_argument(
+        "--target",
+        metavar="KIND",
+        help="the targets, of which nothing is certified: ring14, or a board, its lengths in mm: checkerboard:9x6:25, "
+        "charuco:7x5:DICT_4X4_50:30:22, circles:10x8:25:15, acircles:4x11:20:12, tags:5x7:DICT_6X6_50:30:24, "
+        "aprilgrid:6x6:88:26.4",
+    )
+    p.add_argument(
+        "--observations", type=Path, metavar="FILE", help="what `testfield detect` wrote (or its folder), not images"
+    )
+    p.add_argument("--size-px", metavar="WxH", help="size of the images of --observations, where no file beside tells")
     p.add_argument("--out", type=Path, metavar="FOLDER", help="where everything goes (default: renders/measure)")
     p.add_argument("--lens", choices=names("lenses"), default="brown", help="lens model")
     p.add_argument("--hold", default="", metavar="NAMES", help="lens coefficients held at zero: k3,p1,p2")
@@ -66,31 +79,24 @@ def _measure(args: argparse.Namespace) -> int:
     import sys
     from collections import Counter
     from dataclasses import replace
-
-    import numpy as np
+    from functools import partial
 
     from testfield.camera.interior import check_held
     from testfield.camera.mosaic import ORDERS
-    from testfield.cli.cameras import owners_of, taken_of
+    from testfield.cli.cameras import decoded_of, headers_of, owners_of, taken_of
     from testfield.cli.detect import _images, refuse_over
     from testfield.cli.show import status_of
     from testfield.detect.photograph import AUTO, ON_BLACK, ON_WHITE, detect_in_photograph
-    from testfield.detect.target_spec import parse_target
     from testfield.errors import TestfieldError
     from testfield.measure.kept_detections import Look, put_picture
+    from testfield.measure.observed import parse_size, read_observed
+    from testfield.measure.one_camera import check_one_camera, focal_of, unlike_exif
+    from testfield.measure.patterns import look_for
     from testfield.measure.photographs import measure
     from testfield.report.measured import write_measurement
-    from testfield.scene.shipped import find_field
     from testfield.targets.code_table import codes_for
-    from testfield.targets.field_file import load_field_file
 
-    args.field = find_field(args.field)
-    field = load_field_file(args.field)
-    target = parse_target(field.target.kind, f"{args.field}, target.kind")
-    if target.kind not in ("ring", "circles"):
-        raise TestfieldError(
-            f"'{field.target.kind}' cannot be measured", f"{args.field}, target.kind", "ring codes and circle grids can"
-        )
+    field, source, beside, target, patterns = _targets(args)
     hold = tuple(name.strip() for name in args.hold.split(",") if name.strip())
     check_held(hold, args.lens, "--hold")
     if args.bayer is not None and args.bayer not in ORDERS:
@@ -101,18 +107,33 @@ def _measure(args: argparse.Namespace) -> int:
         raise TestfieldError(f"value {args.smallest_px}", "--smallest-px", "give 2 to 200")
     if args.focal_px is not None and not args.focal_px > 0:
         raise TestfieldError(f"value {args.focal_px}", "--focal-px", "give a focal length in pixels")
-    codes = codes_for(field.target.codes, target.bits, f"{args.field}, target.codes", args.field.parent)
+    codes = codes_for(field.target.codes, target.bits, f"{source}, target.codes", beside)
     polarity = {None: AUTO, True: ON_BLACK, False: ON_WHITE}[field.target.white_on_black]
     out = args.out or Path("renders/measure")
     say = sys.stderr if args.json else sys.stdout
-    owners = owners_of(args.images, field, str(args.field), args.lens, args.by_folder, args.rig)
+    if bool(args.images) == (args.observations is not None):
+        raise TestfieldError("nothing to measure, or two things", "IMAGE", "give images, or --observations FILE")
+    if args.observations is not None and (args.by_folder or args.rig or field.cameras):
+        raise TestfieldError("observations do not say which camera took an image", "--observations", "give the images")
+    owners = owners_of(args.images, field, source, args.lens, args.by_folder, args.rig) if args.images else None
     names: list[str] = []
     found, sizes, trouble, folders, places = [], [], [], [], []
-    given = [(folder, path) for folder in args.images for path in _images([folder])]
-    arguments = (target, field.target.radii, polarity, args.smallest_px, codes, knobs_of(args, args.smallest_px))
-    look = Look(detect_in_photograph, arguments, args.bayer)
-    kept = _detections([path for _, path in given], look, out / "detections", args.jobs, say)
-    for (folder, path), one in zip(given, kept, strict=True):
+    files = [(folder, path) for folder in args.images for path in _images([folder])]
+    headers = headers_of(files, owners)
+    check_one_camera(headers)
+    if args.observations is not None:
+        size_px = parse_size(args.size_px, "--size-px") if args.size_px else None
+        observed = read_observed(args.observations, target, patterns, size_px)
+        names, found, sizes = list(observed.names), observed.found, observed.sizes
+    knobs = knobs_of(args, args.smallest_px)
+    look = Look(
+        detect_in_photograph, (target, field.target.radii, polarity, args.smallest_px, codes, knobs), args.bayer
+    )
+    if patterns:
+        boards = tuple((one.name, one.target) for one in patterns)
+        look = Look(look_for, (boards, polarity, args.smallest_px, knobs), args.bayer)
+    kept = _detections([path for _, path in files], look, out / "detections", args.jobs, say)
+    for (folder, path), one in zip(files, kept, strict=True):
         if one.found is None:
             trouble.append(f"'{path.name}' cannot be read and is left out")
             continue
@@ -128,34 +149,23 @@ def _measure(args: argparse.Namespace) -> int:
         found.append(one.found)
         sizes.append(one.size_px)
     if not found:
-        raise TestfieldError("no image can be read", str(args.images[0]), "give photographs")
+        raise TestfieldError("no image can be read", str((args.images or [args.observations])[0]), "give photographs")
     taken = taken_of(owners, folders, places, sizes) if owners else None
-    size = Counter(sizes).most_common(1)[0][0]
-    expected = [size] * len(names)
-    if taken:
-        by_name = {camera.name: camera.size_px for camera in taken.cameras}
-        expected = [by_name[camera] for camera in taken.camera]
-        size = taken.cameras[0].size_px
-    for name, other, size_of in zip(names, sizes, expected, strict=True):
-        if other != size_of:
-            trouble.append(
-                f"image '{name}' is {other[0]} x {other[1]} px and the others {size_of[0]} x {size_of[1]}: it is "
-                "of another camera, or cropped, and is left out"
-            )
-    keep = [k for k, other in enumerate(sizes) if other == expected[k]]
-    result = measure(
-        tuple(names[k] for k in keep),
-        [found[k] for k in keep],
-        size,
-        field,
-        target,
-        args.lens,
-        hold,
-        args.focal_px,
-        taken.of(np.array(keep, int)) if taken else None,
-    )
+    size = taken.cameras[0].size_px if taken else Counter(sizes).most_common(1)[0][0]
+    # The files' headers need not tell what was decoded.
+    check_one_camera(decoded_of(names, taken.camera if taken else None, sizes))
+    told = None if taken else focal_of(headers)
+    measured = partial(measure, tuple(names), found, size, field, target, args.lens, hold, taken=taken)
+    try:
+        result = measured(focal_px=args.focal_px or told, patterns=patterns)
+    except TestfieldError:
+        if args.focal_px or told is None or patterns:
+            raise
+        # The header may be of the image before it was cropped or reduced.
+        result = measured(focal_px=None, patterns=patterns)
+    trouble += unlike_exif(result.calibration.interior.fx, told)
     result = replace(result, calibration=replace(result.calibration, notes=(*trouble, *result.calibration.notes)))
-    summary = write_measurement(result, field, out, tuple(str(p) for p in args.images))
+    summary = write_measurement(result, field, out, tuple(str(p) for p in args.images or [args.observations]))
     for title, value in summary["figures"]:
         print(f"{title:<48}{value}", file=say)
     for note in result.calibration.notes:
@@ -186,3 +196,37 @@ def _detections(paths: Sequence[Path], look: "Look", folder: Path, jobs: int, sa
         print(f"{head}{kept.found.summary}{' (kept from before)' if before else ''}", file=say, flush=True)
 
     return detect_each(paths, look, folder, draw_found, jobs, tell)
+
+
+def _targets(args: argparse.Namespace) -> tuple[Any, str, Path, Any, tuple]:
+    """The field, where it stands, the folder beside it, its targets and the boards that calibrate.
+
+    Raises `TestfieldError` for targets that cannot be measured.
+    """
+    from testfield.detect.target_spec import parse_target
+    from testfield.errors import TestfieldError
+    from testfield.measure.patterns import patterns_of
+    from testfield.scene.shipped import find_field
+    from testfield.targets.field_file import field_of_target, load_field_file
+
+    if args.field is None:
+        source, kind_of, beside = "--target", "--target", Path()
+        if parse_target(args.target).kind == "circles" and ":" not in args.target:
+            raise TestfieldError("'circles' names no grid", kind_of, "give its size: circles:10x8:25:15")
+        field = field_of_target(args.target)
+    else:
+        args.field = find_field(args.field)
+        source, kind_of, beside = str(args.field), f"{args.field}, target.kind", args.field.parent
+        field = load_field_file(args.field)
+    target, patterns = parse_target(field.target.kind, kind_of), patterns_of(field, source)
+    if not patterns and target.kind not in ("ring", "circles"):
+        raise TestfieldError(
+            f"'{field.target.kind}' cannot be measured", kind_of, "ring codes can, and boards that say where tags lie"
+        )
+    if patterns and target.kind == "ring":
+        raise TestfieldError(
+            "ring codes are not measured beside boards that calibrate",
+            f"{source}, target",
+            "measure one, then the other",
+        )
+    return field, source, beside, target, patterns

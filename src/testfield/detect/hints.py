@@ -93,7 +93,7 @@ def of_boards(photograph: Photograph, target: TargetSpec) -> tuple[str, ...]:
             return _other_checkerboard(pixels, target)
         if target.kind == "acircles":
             return _other_asymmetric(pixels, target)
-        if target.kind in ("charuco", "aruco", "apriltag"):
+        if target.kind in ("charuco", "aruco", "apriltag", "tags"):
             return _other_tags(pixels, target)
     except cv2.error:
         return ()
@@ -164,6 +164,6 @@ def _other_tags(pixels: np.ndarray, target: TargetSpec) -> tuple[str, ...]:
     if count < LEAST_TAGS:
         return ()
     small = name.replace("_1000", f"_{next(n for n in (50, 100, 250, 1000) if most[name] < n)}")
-    if target.kind == "charuco" and small.split("_")[:2] == target.dictionary.upper().split("_")[:2]:
+    if target.kind in ("charuco", "tags") and small.split("_")[:2] == target.dictionary.upper().split("_")[:2]:
         return (f"{count} tags of {small}, the largest number {most[name]}: a board of another layout?",)
     return (f"{count} tags of {small}; {target.dictionary} was asked for",)

@@ -36,8 +36,8 @@ PUPIL_CORNERS_OF_MAKERS = [3, 2, 1, 0]
 @dataclass(frozen=True)
 class Corners:
     """Points of a board, n rows: `xy_px` (n, 2); `code` (n,) the number of the tag a point belongs to, -1 for none;
-    `point` (n,) its index on the board or, of a tag, which corner; `place` (n, 2) column and row, -1 where there is
-    none; `disc` whether the points are discs' centres; `inverted` whether the print is white on black; `legacy` whether
+    `point` (n,) its index on the board or, of single tags, which corner; `place` (n, 2) column and row, -1 for none;
+    `disc` whether the points are discs' centres; `inverted` whether the print is white on black; `legacy` whether
     it is a ChArUco of OpenCV before 4.6; `size` columns and rows as they were read; `border` cells of a tag's border;
     `notes` what was done."""
 
@@ -81,6 +81,7 @@ def _find(image: np.ndarray, spec: TargetSpec) -> Corners:
         "aruco": _aruco,
         "apriltag": _apriltag,
         "aprilgrid": _april_grid,
+        "tags": _tag_board,
         "checkerboard": _checkerboard,
         "acircles": _asymmetric_circles,
     }[spec.kind]
@@ -94,7 +95,7 @@ def _all_points(spec: TargetSpec) -> int:
     """How many points a board has, 0 where nobody said: of single tags."""
     if spec.kind == "charuco":
         return (spec.columns - 1) * (spec.rows - 1)
-    if spec.kind == "aprilgrid":
+    if spec.kind in ("aprilgrid", "tags"):
         return CORNERS_A_TAG * spec.columns * spec.rows
     return spec.columns * spec.rows
 
@@ -141,6 +142,21 @@ def _aruco(image: np.ndarray, spec: TargetSpec) -> Corners:
     if numbers is None or len(numbers) == 0:
         return _empty()
     return _tags(np.asarray(corners).reshape(-1, CORNERS_A_TAG, 2), np.asarray(numbers).ravel())
+
+
+def _tag_board(image: np.ndarray, spec: TargetSpec) -> Corners:
+    """Those tags that the board has, each point by its index on the board; a number that is read twice is nobody's."""
+    found = _aruco(image, spec)
+    tag = found.code - spec.first
+    number, count = np.unique(found.code[::CORNERS_A_TAG], return_counts=True)
+    mine = (tag >= 0) & (tag < spec.columns * spec.rows) & np.isin(found.code, number[count == 1])
+    return replace(
+        found,
+        xy_px=found.xy_px[mine],
+        code=found.code[mine],
+        point=(CORNERS_A_TAG * tag + found.point)[mine],
+        place=found.place[mine],
+    )
 
 
 def _apriltag(image: np.ndarray, spec: TargetSpec) -> Corners:

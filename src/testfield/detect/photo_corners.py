@@ -24,7 +24,9 @@ from testfield.targets.marks import Marks
 
 SAME_PX = 1.5
 """The model's corner is OpenCV's where it is this near."""
-READ_PX = {"charuco": 0.25, "checkerboard": 0.25, "aruco": 0.8, "apriltag": 0.8, "aprilgrid": 0.4, "acircles": 0.25}
+READ_PX = {"charuco": 0.25, "checkerboard": 0.25, "aruco": 0.8, "apriltag": 0.8, "tags": 0.8, "aprilgrid": 0.4} | {
+    "acircles": 0.25
+}
 """Standard deviations of what OpenCV reads, in each direction."""
 QUIET_CELLS = (1.0, 0.5, 0.25)
 """White around a tag, in cells: what its makers ask for, and less where it is not there."""
@@ -32,7 +34,11 @@ TAG_MM = 1.0
 
 
 def measure_read(photograph: Photograph, target: TargetSpec, found: Corners) -> tuple[Observations, tuple[str, ...]]:
-    """All corners that were `found`, by the model or as they were read, and notes on the latter."""
+    """All corners that were `found`, by the model or as they were read, and notes on the latter.
+
+    The points of a checkerboard are counted as it is printed, from its black corner square at the top left, where the
+    model told which way up it is, else as OpenCV read them.
+    """
     o = _as_read(photograph.name, target, found)
     if not len(o):
         return o, ()
@@ -48,18 +54,45 @@ def measure_read(photograph: Photograph, target: TargetSpec, found: Corners) -> 
             corners, _ = detect_squares(Frame(photograph.name, *_inverted(image, sheet)), field)
     if not len(corners):
         return o, (f"all {len(o)} points are as OpenCV read them: no model can be fitted",)
+    if target.kind == "checkerboard":  # a board that is read either way is there twice
+        corners = corners.take(corners.board == corners.board.min())
     gap = np.linalg.norm(o.xy_px[:, None] - corners.xy_px[None], axis=2)
     if target.kind in ("aruco", "apriltag"):  # tag by tag it is known which corner is which
         tag = np.arange(len(o)) // CORNERS_A_TAG
         gap[(corners.board != tag[:, None]) | (corners.point != o.point[:, None])] = np.inf
+    if target.kind == "tags":
+        gap[corners.point != o.point[:, None]] = np.inf
     same = gap.argmin(axis=1)
-    near = gap.min(axis=1) < (FARTHEST_PX if target.kind in ("aruco", "apriltag") else SAME_PX)
+    near = gap.min(axis=1) < (FARTHEST_PX if target.kind in ("aruco", "apriltag", "tags") else SAME_PX)
+    if target.kind == "checkerboard":
+        o.point[:] = as_printed(o.point, corners.point[same], near, target, bool(corners.board[0]))
     good = near & (corners.status[same] == MEASURED)
     for name in ("xy_px", "cov_px2", "moments_px2", "chi2", "status"):
         getattr(o, name)[good] = getattr(corners, name)[same[good]]
     why = Counter(np.where(near, corners.status[same], "no model near")[~good].tolist())
     told = "; ".join(f"{count} {reason}" for reason, count in why.most_common())
     return o, (f"{int((~good).sum())} points are as OpenCV read them ({told})",) if told else ()
+
+
+def as_printed(
+    read: np.ndarray, printed: np.ndarray, known: np.ndarray, target: TargetSpec, turned: bool
+) -> np.ndarray:
+    """(n,) numbers of the points of a grid as it is printed, row by row, of their numbers as they were `read`; of those
+    that are `known` (n,) the `printed` numbers say how the one becomes the other. `turned`: the printed grid has the
+    rows as its columns, and is turned by a quarter to have them as its rows. As read where no turn of the grid fits."""
+    columns, rows = target.columns, target.rows
+    column, row = read % columns, read // columns
+    there = np.column_stack([printed % rows, printed // rows] if turned else [printed % columns, printed // columns])
+    if turned:
+        there = np.column_stack([there[:, 1], rows - 1 - there[:, 0]])
+    ways = [np.column_stack([c, r]) for c in (column, columns - 1 - column) for r in (row, rows - 1 - row)]
+    if columns == rows:
+        ways += [way[:, ::-1] for way in ways]
+    fits = [int((way == there).all(axis=1)[known].sum()) for way in ways]
+    best = int(np.argmax(fits))
+    if 2 * fits[best] <= known.sum():
+        return read
+    return np.asarray(ways[best][:, 1] * columns + ways[best][:, 0])
 
 
 def _inverted(image: np.ndarray, sheet: SensorSheet) -> tuple[np.ndarray, SensorSheet]:
@@ -77,7 +110,7 @@ def _as_read(name: str, target: TargetSpec, found: Corners) -> Observations:
         xy_px=found.xy_px.copy(),
         cov_px2=covariance,
         moments_px2=np.full((n, 2, 2), np.nan),
-        code=found.code,
+        code=np.maximum(found.code, 0),
         board=np.full(n, -1),
         point=found.point,
         chi2=np.full(n, np.nan),
@@ -127,6 +160,9 @@ def _boards(target: TargetSpec, found: Corners) -> tuple[NominalBoard, ...]:
         patterns = [BoardPattern("charuco", columns, rows, *sides, _names(target), legacy=found.legacy)]
     elif target.kind == "aprilgrid":
         patterns = [target.pattern(found.border)]
+    elif target.kind == "tags":
+        sides = target.square_mm, target.marker_mm
+        patterns = [BoardPattern("tags", columns, rows, *sides, _names(target), target.first)]
     else:
         return ()
     return tuple(_board(pattern, 2 * pattern.half_mm) for pattern in patterns)

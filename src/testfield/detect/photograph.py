@@ -32,7 +32,7 @@ class Found:
     `passed_over` how many blobs of a dot's size have no row, by reason.
 
     Of tags `observations.code` is the number and `point` the corner; of grids and boards `point` is the index, row by
-    row.
+    row, and of a board of tags four to a tag.
     """
 
     observations: Observations
@@ -159,9 +159,12 @@ def _grid_places(targets: Targets, target: TargetSpec) -> np.ndarray:
 def _of_board(photograph: Photograph, target: TargetSpec, smallest_px: float) -> Found:
     corners = detect_board(photograph.pixels, target)
     observations, notes = measure_read(photograph, target, corners)
+    place = corners.place
     if target.kind == "acircles" and len(observations):
         notes = _measured_dots(observations, _plain_dots(photograph, smallest_px).observations.measured)
-    return Found(observations, corners.place, (*corners.notes, *notes))
+    if target.kind == "checkerboard" and len(observations):
+        place = np.column_stack([observations.point % target.columns, observations.point // target.columns])
+    return Found(observations, place, (*corners.notes, *notes))
 
 
 def _plain_dots(photograph: Photograph, smallest_px: float) -> Found:

@@ -12,12 +12,15 @@ KINDS = {
     "ring14": "ring codes of 14 bits and plain dots (also ring8, ring10, ring12, ring16, ring20)",
     "circles": "plain dots; circles:10x8 a symmetric grid of 10 columns and 8 rows",
     "acircles:4x11": "an asymmetric circle grid, by OpenCV",
-    "checkerboard:9x6": "inner corners of a checkerboard, by OpenCV",
+    "checkerboard:9x6": "inner corners of a checkerboard, by OpenCV; to measure with it, its squares in mm, as :25",
     "charuco:7x5:DICT_4X4_50:30:22": "ChArUco: squares, dictionary, side of a square and of a marker in mm, by OpenCV",
     "aruco:DICT_4X4_50": "ArUco markers, by OpenCV",
     "aprilgrid:6x6:88:26.4": "Kalibr's AprilGrid: tags in x and y, side of a tag and of a corner square in mm",
     "apriltag:36h11": "AprilTags, by pupil-apriltags where it is installed, else by OpenCV",
+    "tags:5x7:DICT_6X6_50:30:24": "a board of ArUco or AprilTags, row by row: columns, rows, dictionary, from tag to "
+    "tag and a tag's side in mm; a last :10 where the first tag is not 0",
 }
+GRIDS = ("circles", "acircles", "checkerboard")
 
 APRIL_GRID_TAGS = "DICT_APRILTAG_36h11"
 
@@ -25,8 +28,10 @@ APRIL_GRID_TAGS = "DICT_APRILTAG_36h11"
 @dataclass(frozen=True)
 class TargetSpec:
     """A kind of target: `kind` the first word; `bits` of a ring code; `columns` and `rows`, 0 where not said;
-    `dictionary` of markers; `square_mm`, `marker_mm` of a ChArUco board, and of an AprilGrid, whose squares stand
-    between its tags."""
+    `dictionary` of markers; `square_mm` from square, dot or tag to the next (of an asymmetric grid: half the distance
+    within a row; of an AprilGrid: the square that stands between its tags), `marker_mm` a marker's side or a dot's
+    diameter; `sized` whether `square_mm` was said, and `mark_sized` whether `marker_mm` was; `first` the number of a
+    board's first tag."""
 
     kind: str
     bits: int = 0
@@ -35,6 +40,14 @@ class TargetSpec:
     dictionary: str = ""
     square_mm: float = 1.0
     marker_mm: float = 0.7
+    sized: bool = False
+    mark_sized: bool = False
+    first: int = 0
+
+    @property
+    def is_board(self) -> bool:
+        """Whether the kind says where every point of a board lies, so that it calibrates a camera."""
+        return self.kind not in ("ring", "aruco", "apriltag") and self.columns > 0
 
     def pattern(self, border_cells: int = 2) -> BoardPattern:
         """The print of an AprilGrid."""
@@ -58,18 +71,21 @@ def parse_target(text: str, where: str = "--target") -> TargetSpec:
     try:
         if kind == "circles" and not rest:
             return TargetSpec("circles")
-        if kind in ("circles", "acircles", "checkerboard") and len(rest) == 1:
-            return TargetSpec(kind, 0, *_size(rest[0]))
-        if kind == "charuco" and len(rest) == 4:
+        if kind in GRIDS and 1 <= len(rest) <= (2 if kind == "checkerboard" else 3):
+            return _grid(text, where, kind, rest)
+        if (kind == "charuco" and len(rest) == 4) or (kind == "tags" and len(rest) in (4, 5)):
             square, marker = float(rest[2]), float(rest[3])
             if not 0 < marker < square < float("inf"):
                 raise _wrong(text, where, "a marker is smaller than its square, and both have a size")
-            return TargetSpec(kind, 0, *_size(rest[0]), rest[1], square, marker)
+            first = int(rest[4]) if len(rest) == 5 else 0
+            if first < 0:
+                raise _wrong(text, where, "tags are numbered from 0")
+            return TargetSpec(kind, 0, *_size(rest[0]), rest[1], square, marker, True, True, first)
         if kind == "aprilgrid" and len(rest) == 3:
             marker, square = float(rest[1]), float(rest[2])
             if not 0 < square < marker < float("inf"):
                 raise _wrong(text, where, "a corner square is smaller than its tag, and both have a size")
-            return TargetSpec(kind, 0, *_size(rest[0]), APRIL_GRID_TAGS, square, marker)
+            return TargetSpec(kind, 0, *_size(rest[0]), APRIL_GRID_TAGS, square, marker, True, True)
         if kind in ("aruco", "apriltag") and len(rest) == 1 and rest[0]:
             # A scene names the family as OpenCV does, others as its makers do: both are understood.
             family = re.sub(r"(?i)^(dict_april)?tag_?", "", rest[0]) if kind == "apriltag" else rest[0]
@@ -80,6 +96,20 @@ def parse_target(text: str, where: str = "--target") -> TargetSpec:
     if like:
         raise TestfieldError(f"'{text}' does not say all that is needed", where, f"give it like {like[0]}")
     raise _wrong(text, where, "no such kind of target")
+
+
+def _grid(text: str, where: str, kind: str, rest: list[str]) -> TargetSpec:
+    """A grid, its spacing and its dots' diameter where they are said."""
+    lengths = [float(word) for word in rest[1:]]
+    if not all(0 < length < float("inf") for length in lengths):
+        raise _wrong(text, where, "its lengths are in mm, above 0")
+    spacing = lengths[0] if lengths else 1.0
+    # Dots of the next row of an asymmetric grid are as far as sqrt(2) spacings away.
+    nearest = spacing * (2**0.5 if kind == "acircles" else 1.0)
+    if len(lengths) == 2 and not lengths[1] < nearest:
+        raise _wrong(text, where, "its dots overlap: spacing and diameter in mm, in this order")
+    mark = lengths[1] if len(lengths) == 2 else 0.5 * nearest
+    return TargetSpec(kind, 0, *_size(rest[0]), "", spacing, mark, bool(lengths), len(lengths) == 2)
 
 
 def _size(text: str) -> tuple[int, int]:

@@ -19,6 +19,7 @@ from testfield.detect.observations import MEASURED, Observations
 from testfield.detect.photograph import Found
 from testfield.detect.target_spec import TargetSpec
 from testfield.measure.certified import Length, certified_of, lengths_of
+from testfield.measure.patterns import Pattern, of_boards
 from testfield.reconstruct.points import Points
 from testfield.reconstruct.uncoded import match_dots
 from testfield.targets.camera_sheet import CameraSheet, RigSheet
@@ -74,14 +75,16 @@ def measure(
     hold: tuple[str, ...] = (),
     focal_px: float | None = None,
     taken: Taken | None = None,
+    patterns: tuple[Pattern, ...] = (),
 ) -> Measurement:
     """Cameras and points from what was found in photographs of `size_px` (width, height), all by one camera, or as they
-    were `taken` by several, and what the two halves of the photographs say of their uncertainties."""
+    were `taken` by several, and what the two halves of the photographs say of their uncertainties. Where the boards
+    `patterns` are the targets, they calibrate the cameras and nothing else is measured."""
 
     def some(images: np.ndarray, focal_px: float | None, misfit: Misfit | None) -> Measurement:
         chosen = tuple(names[k] for k in images), [found[k] for k in images]
         own = taken.of(images) if taken else None
-        return _measured(*chosen, size_px, field, target, lens, hold, focal_px, misfit, own)
+        return _measured(*chosen, size_px, field, target, lens, hold, focal_px, misfit, own, patterns)
 
     whole = some(np.arange(len(names)), focal_px, None)
     # Images of one rig at one place belong to the same half.
@@ -110,7 +113,10 @@ def _measured(
     focal_px: float | None,
     misfit: Misfit | None,
     taken: Taken | None,
+    patterns: tuple[Pattern, ...],
 ) -> Measurement:
+    if patterns:
+        return _of_patterns(names, found, size_px, field, patterns, lens, hold, misfit, taken)
     observations = Observations.join([one.observations for one in found], names)
     imaging = None
     if taken:
@@ -204,6 +210,28 @@ def _datum(result: FreeNetwork, field: FieldFile) -> str:
         "diameters": f"free network over all points, scale from the dots' diameters only: {free}",
         "nothing": f"free network over all points in ARBITRARY SCALE: {free}",
     }[result.scale_from]
+
+
+def _of_patterns(
+    names: tuple[str, ...],
+    found: list[Found],
+    size_px: tuple[int, int],
+    field: FieldFile,
+    patterns: tuple[Pattern, ...],
+    lens: str,
+    hold: tuple[str, ...],
+    misfit: Misfit | None,
+    taken: Taken | None,
+) -> Measurement:
+    """Cameras from photographs of boards whose print says where every point lies."""
+    named, sheet, notes = of_boards(found, names, patterns, field.target.white_on_black)
+    cameras: tuple[CameraSheet, ...] = ()
+    if taken:
+        named, sheet, cameras = named.by(taken.camera, taken.place), replace(sheet, rigs=taken.rigs), taken.cameras
+    calibration = stitched(named, sheet, *size_px, lens, hold, True, misfit, cameras)
+    empty = Points("stitched", *(np.zeros(s, t) for s, t in EMPTY))
+    datum = f"the frame of '{calibration.board_names[0]}': origin in its middle, x along its rows, y up its columns"
+    return Measurement(named, replace(calibration, notes=(*calibration.notes, *notes)), empty, (), datum)
 
 
 def _of_grid(

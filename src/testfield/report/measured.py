@@ -232,7 +232,9 @@ def point_plan(result: Measurement) -> bytes:
         return svg_of(drawing)
 
 
-def _picture(path: Path) -> str:
+def _picture(path: Path) -> str | None:
+    if not path.is_file():  # measured from observations alone
+        return None
     picture = np.asarray(cv2.imread(str(path)))
     scale = min(1.0, PICTURE_WIDTH / picture.shape[1])
     small = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)

@@ -34,8 +34,15 @@ COLUMNS = (
 )
 
 
-def write_found(photographs: list[Photograph], found: list[Found], folder: Path) -> None:
-    """`observations.csv`, `observations.parquet` and `detection.json` of all photographs."""
+def write_found(
+    photographs: list[Photograph],
+    found: list[Found],
+    folder: Path,
+    sizes_px: list[tuple[int, int]],
+    target: str,
+) -> None:
+    """`observations.csv`, `observations.parquet` and `detection.json` of all photographs, whose sizes are `sizes_px`
+    (width, height), in which `target` was looked for."""
     folder.mkdir(parents=True, exist_ok=True)
     names = tuple(photograph.name for photograph in photographs)
     with whole(folder / "observations.csv") as path, path.open("w", newline="", encoding="utf-8") as file:
@@ -46,8 +53,10 @@ def write_found(photographs: list[Photograph], found: list[Found], folder: Path)
     with whole(folder / "observations.parquet") as path:
         Observations.join([one.observations for one in found], names).save(path)
     with whole(folder / "detection.json") as path:
-        images = [_summary(p, f) for p, f in zip(photographs, found, strict=True)]
-        write_text(path, json.dumps(stamp() | {"images": images}, indent=1))
+        images = [
+            _summary(p, f) | {"size_px": list(size)} for p, f, size in zip(photographs, found, sizes_px, strict=True)
+        ]
+        write_text(path, json.dumps(stamp() | {"target": target, "images": images}, indent=1))
 
 
 def _summary(photograph: Photograph, found: Found) -> dict:

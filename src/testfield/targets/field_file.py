@@ -32,7 +32,9 @@ class _Part(BaseModel):
 class TargetPart(_Part):
     """The kind of target, as `testfield detect --target` names it, and how large its dots are."""
 
-    kind: str = Field(description="ring14 and the like, or circles:10x8.")
+    kind: str = Field(
+        description="ring14 and the like; circles:10x8 and the like for [grid]; or one of the boards' kinds."
+    )
     radii: RingShape = Field(USUAL, description="Shape of the ring codes, as 1:2:3.")
     codes: str | None = Field(None, description="Table of the rings' numbers: a file, or the name of a shipped one.")
     white_on_black: bool | None = Field(None, description="Bright dots on dark ground; absent, whichever is found.")
@@ -98,6 +100,27 @@ class GridPart(_Part):
     u_flat_mm: float = Field(0.0, ge=0, description="Standard uncertainty of each dot's height.")
 
 
+class PatternPart(_Part):
+    """A board whose print says where all its points lie: it calibrates the cameras that photographed it."""
+
+    kind: str = Field(
+        description="checkerboard:9x6:25, charuco:7x5:DICT_4X4_50:30:22, circles:10x8:25:15, acircles:4x11:20:12, "
+        "tags:5x7:DICT_6X6_50:30:24; lengths in mm."
+    )
+    name: str = Field("", description="What it is called; absent, its kind.")
+    u_mm: float | None = Field(
+        None,
+        ge=0,
+        description="Standard uncertainty of each point's place in the plane; absent, as printed by anybody.",
+    )
+    u_flat_mm: float | None = Field(
+        None, ge=0, description="Standard uncertainty of each point's height; absent, as printed by anybody."
+    )
+    u_scale: float | None = Field(
+        None, ge=0, lt=1, description="Relative standard uncertainty of its spacing; absent, 0 where u_mm is given."
+    )
+
+
 def _twice(values: list[Any]) -> list[Any]:
     """What occurs more than once, in order."""
     return sorted(value for value, count in Counter(values).items() if count > 1)
@@ -128,8 +151,18 @@ class FieldFile(_Part):
     boards: tuple[BoardPart, ...] = Field((), max_length=1, description="At most one: a result has one frame.")
     distances: tuple[DistancePart, ...] = ()
     grid: GridPart | None = None
+    patterns: tuple[PatternPart, ...] = Field((), max_length=100, description="Boards that calibrate the cameras.")
     cameras: tuple[CameraPart, ...] = Field((), max_length=100, description="Several cameras.")
     rigs: tuple[RigPart, ...] = ()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _of_patterns(cls, data: Any) -> Any:
+        """Where boards are declared, they are the targets unless others are named."""
+        boards = data.get("patterns") if isinstance(data, dict) else None
+        if isinstance(boards, list | tuple) and boards and "target" not in data and isinstance(boards[0], dict):
+            return data | {"target": {"kind": str(boards[0].get("kind", ""))}}
+        return data
 
     @model_validator(mode="after")
     def _whole(self) -> "FieldFile":
@@ -142,7 +175,11 @@ class FieldFile(_Part):
             raise ValueError(f"a rig holds '{alien[0]}', and no camera is called so")
         if twice := _twice(held):
             raise ValueError(f"camera '{twice[0]}' is held twice")
-        circles = self.target.kind.strip().startswith("circles")
+        if twice := _twice([pattern.kind for pattern in self.patterns]):
+            raise ValueError(f"two patterns show the same print, '{twice[0]}': no image tells them from each other")
+        if twice := _twice([pattern.name for pattern in self.patterns if pattern.name]):
+            raise ValueError(f"two patterns are called '{twice[0]}': give each a name of its own")
+        circles = self.target.kind.strip().startswith("circles") and not self.calibrating
         if circles and self.grid is None:
             raise ValueError("a grid of circles needs [grid] with spacing_mm")
         if circles and self.target.diameter_mm is None:
@@ -152,6 +189,24 @@ class FieldFile(_Part):
         if self.grid is not None and not circles:
             raise ValueError(f'[grid] belongs to target.kind = "circles:10x8", not to "{self.target.kind}"')
         return self
+
+    @property
+    def calibrating(self) -> tuple[PatternPart, ...]:
+        """The boards that calibrate the cameras: those of [[patterns]], or that of the target's kind where it says all
+        lengths."""
+        if self.patterns:
+            return self.patterns
+        kind = self.target.kind.strip()
+        if kind.startswith(("checkerboard", "charuco", "acircles", "tags")):
+            return (PatternPart(kind=kind),)
+        if self.grid is None and self.target.diameter_mm is None and kind.startswith("circles:"):
+            return (PatternPart(kind=kind),)
+        return ()
+
+
+def field_of_target(kind: str) -> FieldFile:
+    """The field of which only the kind of its targets is known."""
+    return FieldFile(name=kind, target=TargetPart(kind=kind))
 
 
 def load_field_file(path: Path) -> FieldFile:
