@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from testfield.bench.hard_dots import Picture, at_border, draw, found_of, hexagonal, interlaced, small
+from testfield.bench.hard_dots import Picture, at_border, draw, found_of, hexagonal, interlaced, shaded, small
 from testfield.camera.photograph import Photograph
 from testfield.cli.main import main
 from testfield.detect.dense_dots import colours, fit_together
@@ -48,6 +48,23 @@ def test_jagged_dots_of_interlaced_video_are_measured_in_the_even_lines(shift_px
     assert seen["found"] >= 99
     assert seen["error_px"] < 1.2 * seen["stated_px"]
     assert any("interlaced" in note for note in look(draw(picture)).notes)
+
+
+@pytest.mark.parametrize(("shade", "diameter_px"), [(0.7, 20.0), (0.5, 10.0), (0.5, 20.0), (0.3, 14.0)])
+def test_dots_half_in_the_shade_are_where_the_light_is_even(shade: float, diameter_px: float) -> None:
+    picture = shaded(shade, diameter_px)
+    seen = found_of(picture, look)
+    assert (seen["found"], seen["false"]) == (100, 0)
+    assert seen["error_px"] < 1.4 * seen["stated_px"]
+    # The step draws the centre to the lit side where nobody takes it out.
+    as_it_is = found_of(picture, lambda p: look(p, Knobs(shade=False)))
+    assert as_it_is["found"] < 50 or as_it_is["error_px"] > 4 * seen["error_px"]
+
+
+@pytest.mark.parametrize("angle_deg", [60.0, 70.0])
+def test_dots_at_the_border_of_a_fisheye_are_measured(angle_deg: float) -> None:
+    seen = found_of(at_border(angle_deg, 12), look)
+    assert (seen["found"], seen["false"]) == (seen["dots"], 0)
 
 
 def test_no_image_of_one_exposure_is_taken_for_two() -> None:

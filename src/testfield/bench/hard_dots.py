@@ -15,7 +15,8 @@ from testfield.camera.photograph import Photograph
 from testfield.camera.project import project_camera
 from testfield.detect.disc import disc_in_pixels, outline_points
 from testfield.detect.observations import MEASURED
-from testfield.detect.photograph import Found
+from testfield.detect.photograph import ON_BLACK, Found, detect_in_photograph
+from testfield.detect.target_spec import TargetSpec
 from testfield.seeds import generator
 
 BITS, WHITE_DN, BLACK_DN = 12, 2400.0, 160.0
@@ -158,19 +159,20 @@ def shaded(shade: float, diameter_px: float, blur_px: float = 0.7, snr: float = 
 
 
 def at_border(angle_deg: float, diameter_px: float, blur_px: float = 0.7, snr: float = 50, seed: int = 0) -> Picture:
-    """120 dots of a flat board before a fisheye lens, at so many degrees from its axis, on a ring about it."""
+    """Up to 60 dots of a flat board before a fisheye lens, at so many degrees from its axis, on a ring about it."""
     focal = 300.0
     radius = focal * np.radians(angle_deg)
     side = 2 * int(radius + 3 * diameter_px + 10)
     middle = (side - 1) / 2
     interior = Interior(side, side, np.array([focal, focal, middle, middle, 0, 0, 0, 0.0]), "fisheye")
-    count = int(min(60, 2 * np.pi * radius / (2.2 * diameter_px)))
-    towards = 2 * np.pi * np.arange(count) / count
-    k = 2 * outline_points(2 * diameter_px, blur_px)
-    around = 2 * np.pi * np.arange(k) / k
     away = np.radians(angle_deg)
     # A board square to the axis one unit away: a circle there, wide as its image would be in the middle, and more.
     size = diameter_px / focal / 2 / np.sqrt(np.cos(away) ** 2 * np.sin(away) / max(away, 1e-9) * np.cos(away))
+    long_px = 2 * size * radius / np.tan(away)
+    count = int(min(60, 2 * np.pi * radius / (1.4 * long_px)))
+    towards = 2 * np.pi * np.arange(count) / count
+    k = 2 * outline_points(long_px, blur_px)
+    around = 2 * np.pi * np.arange(k) / k
     centre = np.tan(away) * np.column_stack([np.cos(towards), np.sin(towards)])
     board = centre[:, None] + size * np.column_stack([np.cos(around), np.sin(around)])
     rays = np.concatenate([board, np.ones((*board.shape[:2], 1))], axis=-1)
@@ -205,3 +207,47 @@ def found_of(picture: Picture, look: Callable[[Photograph], Found]) -> dict[str,
         "stated_px": float(np.sqrt(np.mean(sigma**2))) if len(error) else None,
         "missed": why,
     }
+
+
+def series() -> dict[str, list[tuple[str, Picture]]]:
+    """The pictures of each curve with what varies in words."""
+    small_ones = [(f"{d:g} px, SNR {snr:g}", small(d, snr)) for snr in (10, 20, 50) for d in (5, 5.5, 6, 7, 8)]
+    dense = [(f"gap {g:g}, {d:g} px", hexagonal(g, d)) for g in (0.1, 0.15, 0.25, 0.5) for d in (8, 12, 20)]
+    jagged = [(f"shift {s:g} px, {d:g} px", interlaced(s, d)) for s in (0.5, 1, 2, 3) for d in (10, 16, 24)]
+    shade = [(f"light {s:g}, {d:g} px", shaded(s, d)) for s in (0.7, 0.5, 0.3, 0.2) for d in (10, 20, 40)]
+    border = [(f"{a:g} degrees, {d:g} px", at_border(a, d)) for a in (40, 60, 70, 75) for d in (10, 20)]
+    return {
+        "small dots": small_ones,
+        "hexagonal grids, gap in diameters": dense,
+        "every second line shifted": jagged,
+        "a shadow's edge across each dot": shade,
+        "a flat board at a fisheye's border": border,
+    }
+
+
+def look(photograph: Photograph) -> Found:
+    """What detection finds in a picture of this bench, told only that the dots are bright."""
+    return detect_in_photograph(photograph, TargetSpec("circles"), polarity=ON_BLACK)
+
+
+def bench_hard(tell: Callable[[str], None] = lambda _: None) -> dict[str, list[dict[str, Any]]]:
+    """Every curve: a row a picture, as `found_of` has it, and its `name`."""
+    curves: dict[str, list[dict[str, Any]]] = {}
+    for title, pictures in series().items():
+        tell(title)
+        curves[title] = [{"name": name} | found_of(picture, look) for name, picture in pictures]
+    return curves
+
+
+def lines(curves: dict[str, list[dict[str, Any]]]) -> list[str]:
+    """The curves for a person."""
+    text = []
+    for title, rows in curves.items():
+        text.append(f"{title:<40}{'found':>12}{'false':>7}{'error px':>10}{'stated':>8}  not found")
+        for row in rows:
+            numbers = "".join(
+                f"{row[k]:>{w}.3f}" if row[k] else " " * w for k, w in (("error_px", 10), ("stated_px", 8))
+            )
+            why = ", ".join(f"{count} {name}" for name, count in row["missed"].items())
+            text.append(f"  {row['name']:<38}{row['found']:>6} of {row['dots']:>3}{row['false']:>6} {numbers}  {why}")
+    return text

@@ -10,7 +10,8 @@ import numpy as np
 from testfield.bench.clutter import ClutteredView, cluttered_view
 from testfield.bench.clutter_world import SENSOR
 from testfield.camera.images import Frame
-from testfield.detect.detect import bright_marks, measure_targets
+from testfield.detect.bright import bright_marks
+from testfield.detect.every_dot import measured
 from testfield.detect.observations import MEASURED
 from testfield.detect.targets import Targets
 from testfield.evaluate.check import Check, Limit
@@ -120,24 +121,22 @@ def look(view: ClutteredView, frame: Frame) -> Targets:
     """What detection finds in it, told only what kind of targets there are."""
     sheet_field = view.world.field
     image, sheet = bright_marks(frame, sheet_field.white_on_black)
-    return measure_targets(
-        image, sheet, "ellipse_model", SMALLEST_PX, sheet_field.bits, sheet_field.radii, by_contour=True
-    )
+    return measured(image, sheet, sheet_field.bits, sheet_field.radii, SMALLEST_PX)[0]
 
 
 def count(recall: Recall, view: ClutteredView, found: Targets) -> None:
     """Add one view's counts."""
-    measured = found.status == MEASURED
+    good = found.status == MEASURED
     n = len(view.code)
     distance = np.linalg.norm(found.xy_px[:, None] - view.xy_px[None], axis=2)
     distance = np.where(np.isfinite(distance), distance, np.inf)
-    near = np.argmin(distance, axis=1) if n else np.zeros(len(measured), int)
+    near = np.argmin(distance, axis=1) if n else np.zeros(len(good), int)
     here = distance[np.arange(len(near)), near] < SAME * view.diameter_px[near] if n else np.zeros(len(near), bool)
     row = np.full(n, -1)  # of the detection that is this target, a measured one where there are several
-    for rows in (np.flatnonzero(here), np.flatnonzero(here & measured)):
+    for rows in (np.flatnonzero(here), np.flatnonzero(here & good)):
         row[near[rows]] = rows
-    hit = (row >= 0) & measured[row] if len(measured) else np.zeros(n, bool)
-    number = np.where(hit, np.maximum(found.code[row], 0), -1) if len(measured) else np.full(n, -1)
+    hit = (row >= 0) & good[row] if len(good) else np.zeros(n, bool)
+    number = np.where(hit, np.maximum(found.code[row], 0), -1) if len(good) else np.full(n, -1)
     recall.views += 1
     recall.rendered += n
     asked = view.clear & (view.tilt_deg <= LARGEST_TILT_DEG)
@@ -151,5 +150,5 @@ def count(recall: Recall, view: ClutteredView, found: Targets) -> None:
     for k in np.flatnonzero(asked & ~hit):
         recall.missed[str(found.status[row[k]]) if row[k] >= 0 else "not seen at all"] += 1
     recall.wrong += int((hit & (number > 0) & (number != view.code)).sum())
-    recall.wrong += int((measured & ~here & (found.code > 0)).sum())
-    recall.false += int((measured & ~here).sum())
+    recall.wrong += int((good & ~here & (found.code > 0)).sum())
+    recall.false += int((good & ~here).sum())

@@ -31,6 +31,9 @@ def add(commands: Any) -> None:
     one.add_argument("--targets", type=int, default=20000, metavar="N", help="how many are rendered (default: 20000)")
     one.add_argument("--empty", type=int, default=50, metavar="N", help="views without targets (default: 50)")
     one.add_argument("--quick", action="store_true", help="1,000 targets and 5 views at most")
+    one.add_argument(
+        "--hard", action="store_true", help="curves of dots that are small, dense, jagged, half in shade or at a border"
+    )
 
     one = _tool(tools, "adjust", _adjust, "the bundle against Ceres, COLMAP and OpenCV, and how its time grows")
     one.add_argument("--quick", action="store_true", help="small networks only: half a minute's worth")
@@ -295,6 +298,10 @@ def _recall(args: argparse.Namespace) -> int:
 
     from testfield.bench.recall import bench_recall
 
+    if args.hard:
+        from testfield.bench.hard_dots import bench_hard, lines
+
+        return _say(args, bench_hard(_tell), lines)
     targets, empty = (min(args.targets, 1000), min(args.empty, 5)) if args.quick else (args.targets, args.empty)
     figures = bench_recall(targets, empty, _tell)
     if args.json:

@@ -28,6 +28,9 @@ def add_knobs(p: argparse.ArgumentParser) -> None:
         action="store_false",
         help="leave out dots that crowd each other, not fit them together",
     )
+    p.add_argument(
+        "--no-shade", dest="shade", action="store_false", help="take dots that a shadow's edge crosses as they are"
+    )
 
 
 def knobs_of(args: argparse.Namespace, smallest_px: float) -> "Knobs":
@@ -38,4 +41,4 @@ def knobs_of(args: argparse.Namespace, smallest_px: float) -> "Knobs":
     largest = DEFAULT.largest_px if args.largest_px is None else args.largest_px
     if not smallest_px < largest <= 2000:
         raise TestfieldError(f"value {largest:g}", "--largest-px", f"give more than {smallest_px:g}, up to 2000")
-    return Knobs(largest, args.unclear or DEFAULT.unclear, args.lines or DEFAULT.lines, args.dense)
+    return Knobs(largest, args.unclear or DEFAULT.unclear, args.lines or DEFAULT.lines, args.dense, args.shade)

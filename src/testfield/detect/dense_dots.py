@@ -7,8 +7,6 @@ asks what a dot looks like and what surrounds it needs to know nothing of neighb
 """
 
 from collections.abc import Callable
-from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -18,6 +16,7 @@ from testfield.detect.centre_forward import dot_outline, refine, start
 from testfield.detect.disc import disc_in_pixels
 from testfield.detect.find import Blobs
 from testfield.detect.forward_windows import BLUR, CONTRAST, Batch, reach, window_batches
+from testfield.detect.joined import diameters, put_beside, take
 from testfield.detect.observations import MEASURED
 from testfield.detect.targets import Targets
 
@@ -63,18 +62,15 @@ def measure_dense(
         mine = theta[colour == c]
         alone = (image_dn - whole + light_of(mine, image_dn.shape)).astype(np.float32)
         found = again(alone, (mine[:, :2], moments_of(mine)))
-        parts.append(_take(found, found.status == MEASURED))
-    new = _joined(parts)
-    if not len(new.code):
-        return targets
-    gap = cKDTree(new.xy_px).query(np.nan_to_num(targets.xy_px, nan=-1e9))[0]
-    stays = _take(targets, gap > SAME * np.median(_diameters(new.moments_px2)))
-    return replace(_joined([stays, new]), left_out=targets.left_out, radii=targets.radii, blobs=blobs)
+        parts.append(take(found, found.status == MEASURED))
+    for part in parts:
+        targets = put_beside(targets, part, SAME)
+    return targets
 
 
 def crowded(blobs: Blobs) -> np.ndarray:
     """Rows of the blobs that have others like them close by."""
-    size = _diameters(blobs.moments_px2)
+    size = diameters(blobs.moments_px2)
     pairs = cKDTree(blobs.xy_px).query_pairs(NEAR * float(size.max(initial=0)), output_type="ndarray")
     if not len(pairs):
         return np.zeros(0, int)
@@ -157,7 +153,7 @@ def moments_of(theta: np.ndarray) -> np.ndarray:
 
 def _first_contrast(image: np.ndarray, xy: np.ndarray, moments: np.ndarray) -> np.ndarray:
     """(n,) the level in the middle less the least one around."""
-    sides = np.maximum(np.ceil(0.8 * _diameters(moments)), 2).astype(int)
+    sides = np.maximum(np.ceil(0.8 * diameters(moments)), 2).astype(int)
     middle = np.rint(xy).astype(int)
     found = np.zeros(len(xy))
     for k, ((x, y), r) in enumerate(zip(middle, sides, strict=True)):
@@ -171,25 +167,4 @@ def _lost(blobs: Blobs, crowd: np.ndarray, measured_px: np.ndarray) -> int:
     if not len(measured_px):
         return len(crowd)
     gap = cKDTree(measured_px).query(blobs.xy_px[crowd])[0]
-    return int((gap > SAME * _diameters(blobs.moments_px2[crowd])).sum())
-
-
-def _diameters(moments: np.ndarray) -> np.ndarray:
-    return np.asarray(4 * np.maximum(np.linalg.det(moments), 0) ** 0.25)
-
-
-ROWS = ("xy_px", "cov_px2", "moments_px2", "chi2", "misfit", "code", "affine", "status", "background_dn", "contrast_dn")
-
-
-def _take(targets: Targets, rows: np.ndarray) -> Targets:
-    columns: dict[str, Any] = {name: getattr(targets, name)[rows] for name in ROWS}
-    return replace(targets, **columns)
-
-
-def _joined(parts: list[Targets]) -> Targets:
-    passed: dict[str, int] = {}
-    for part in parts:
-        for why, count in part.passed_over.items():
-            passed[why] = passed.get(why, 0) + count
-    columns: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in ROWS}
-    return replace(parts[0], **columns, passed_over=passed)
+    return int((gap > SAME * diameters(blobs.moments_px2[crowd])).sum())

@@ -7,9 +7,13 @@ from testfield.detect.dense_dots import measure_dense
 from testfield.detect.detect import measure_targets
 from testfield.detect.interlace import combed, even_lines, in_all_lines
 from testfield.detect.knobs import AUTO_LINES, DEFAULT, EVEN_LINES, Knobs
+from testfield.detect.shade import measure_shaded
 from testfield.detect.targets import Targets
 from testfield.targets.code_table import CodeTable
 from testfield.targets.marks import RingRadii
+
+REACH = 2.2
+"""How many radii around a dot without a ring the light counts."""
 
 
 def measured(
@@ -51,4 +55,6 @@ def measured(
     targets = look(image)
     if knobs.dense and bits is None:  # a ring needs room
         targets = measure_dense(image, sheet, targets, look)
+    if knobs.shade:
+        targets = measure_shaded(image, sheet, targets, REACH if bits is None else radii.outer + 0.5, look)
     return (in_all_lines(targets) if halved else targets), notes

@@ -16,12 +16,13 @@ all of them; the even ones."""
 @dataclass(frozen=True)
 class Knobs:
     """`largest_px` diameter of a dot; `unclear` and `lines` as `UNCLEAR` and `LINES` say; `dense` whether dots that
-    crowd each other are fitted together."""
+    crowd each other are fitted together, `shade` whether those that a shadow's edge crosses are lit evenly first."""
 
     largest_px: float = LARGEST_PX
     unclear: str = ALIKE
     lines: str = AUTO_LINES
     dense: bool = True
+    shade: bool = True
 
 
 DEFAULT = Knobs()
