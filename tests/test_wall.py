@@ -44,7 +44,7 @@ MAY_IMPORT: dict[str, tuple[str, ...]] = {
     "score": (*GROUND, *TYPES, "statistics", *MEASURING, "scene"),
     "plan": (*GROUND, *TYPES, "statistics", "detect", "adjust", "calibrate", "scene", "simulate", "score"),
     # What is authored is seen with what is predicted of it, and a finished run with what came of it.
-    "author": (*GROUND, *TYPES, "calibrate", "reconstruct", "scene", "score", "plan"),
+    "author": (*GROUND, *TYPES, *MEASURING, "scene", "sensor", "score", "plan"),
     "report": (*GROUND, *TYPES, "statistics", *MEASURING, "scene", "score", "simulate", "plan", "author"),
     "chain": (*RESULTS, "report"),
     "evaluate": (*RESULTS, "report", "chain"),

@@ -67,11 +67,14 @@ def add(commands: Any) -> None:
 
 def act(args: argparse.Namespace) -> int:
     """Detect, calibrate, write."""
+    from testfield.measure.job_file import job_of, save_job
     from testfield.store.lock import only_writer
     from testfield.store.threads import one_blas_thread
 
     with only_writer(args.out or Path("renders/measure")), one_blas_thread():
-        return _measure(args)
+        status = _measure(args)
+        save_job(job_of(vars(args)), args.out or Path("renders/measure"))  # what `testfield twin` asks again
+        return status
 
 
 def _measure(args: argparse.Namespace) -> int:

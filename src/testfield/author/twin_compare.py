@@ -1,0 +1,136 @@
+"""A measured job and its twin side by side: residuals, what is stated, and the twin's actual errors."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from testfield.calibrate.calibration import Calibration
+from testfield.detect.observations import MEASURED, Observations
+from testfield.reconstruct.points import Points
+from testfield.scene.schema import SceneFile
+
+PLACES = 6
+"""Decimals of a pixel by which a residual finds its observation."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What a folder of `testfield measure` holds."""
+
+    calibration: Calibration
+    points: Points
+    observations: Observations
+
+    @staticmethod
+    def load(folder: Path) -> "Measured":
+        """Raises `TestfieldError` where a file is not there or not whole."""
+        return Measured(
+            Calibration.load(folder / "calibration.json"),
+            Points.load(folder / "points.parquet"),
+            Observations.load(folder / "observations.parquet"),
+        )
+
+
+@dataclass(frozen=True)
+class Row:
+    """One figure of both; `ratio` the job's over the twin's, None where it means nothing."""
+
+    title: str
+    job: str
+    twin: str
+    ratio: float | None = None
+
+
+def residuals_of(measured: Measured) -> tuple[np.ndarray, np.ndarray]:
+    """(k,) rows of the observations that were adjusted, and (k, 2) their residuals in px."""
+    o, c = measured.observations, measured.calibration
+    known = {tuple(np.round(at, PLACES)): k for k, at in enumerate(c.residual_at_px)}
+    pairs = [
+        (row, found)
+        for row in np.flatnonzero(o.status == MEASURED)
+        if (found := known.get(tuple(np.round(o.xy_px[row], PLACES)))) is not None
+    ]
+    rows, residual = np.array([p[0] for p in pairs], int), np.array([p[1] for p in pairs], int)
+    return rows, c.residual_px[residual]
+
+
+def compared(job: Measured, twin: Measured, scene: SceneFile) -> list[Row]:
+    """Figures of both, residuals first. Where the job has codes, residuals are those of codes, which both have."""
+    coded = bool((job.points.code > 0).any())
+    rows = [_of_residuals(job, twin, coded)]
+    rows.append(
+        Row(
+            "scatter over what detection claims (sigma0)",
+            f"{job.calibration.sigma0:.2f}",
+            f"{twin.calibration.sigma0:.2f}",
+        )
+    )
+    rows.append(Row("targets adjusted", str(_adjusted(job, coded)), str(_adjusted(twin, coded))))
+    for name in ("fx", "cx", "cy"):
+        rows.append(Row(f"{name} ± u, px", *(_parameter(one.calibration, name) for one in (job, twin))))
+    rows.append(_focal_error(twin, scene))
+    if coded:
+        rows += _of_points(job, twin, scene)
+    return rows
+
+
+def _rms(measured: Measured, coded: bool) -> float:
+    rows, residual = residuals_of(measured)
+    chosen = measured.observations.code[rows] > 0 if coded else np.ones(len(rows), bool)
+    return float(np.sqrt(np.mean(residual[chosen] ** 2))) if chosen.any() else float("nan")
+
+
+def _of_residuals(job: Measured, twin: Measured, coded: bool) -> Row:
+    a, b = _rms(job, coded), _rms(twin, coded)
+    title = "residual of a coordinate, rms, of codes" if coded else "residual of a coordinate, rms"
+    return Row(title, f"{a:.4f} px", f"{b:.4f} px", a / b if b else None)
+
+
+def _adjusted(measured: Measured, coded: bool) -> int:
+    rows, _ = residuals_of(measured)
+    return int((measured.observations.code[rows] > 0).sum()) if coded else len(rows)
+
+
+def _parameter(calibration: Calibration, name: str) -> str:
+    u = (
+        float(np.sqrt(calibration.covariance[k, k]))
+        if calibration.states([name]) and (k := int(calibration.index([name])[0])) >= 0
+        else float("nan")
+    )
+    return f"{getattr(calibration.interior, name):.2f} ± {u:.2f}"
+
+
+def _focal_error(twin: Measured, scene: SceneFile) -> Row:
+    true = 1000 * scene.camera.focal_length_mm / scene.camera.pixel_pitch_um
+    return Row("actual error of the focal length", "unknown", f"{twin.calibration.interior.fx - true:+.3f} px")
+
+
+def _of_points(job: Measured, twin: Measured, scene: SceneFile) -> list[Row]:
+    """Stated uncertainty of the codes' coordinates, and the twin's actual errors after a fit of seven parameters."""
+    true = {one.code: np.array(one.position_mm) for one in scene.check_targets if one.generator == "single"}
+    both = [k for k in range(len(twin.points)) if int(twin.points.code[k]) in true]
+    rows = [Row("stated u of a code's coordinate, rms", *(f"{_stated(one.points):.4f} mm" for one in (job, twin)))]
+    if len(both) < 4:
+        return rows
+    found = twin.points.xyz_mm[both]
+    target = np.array([true[int(twin.points.code[k])] for k in both])
+    error = fitted(found, target) - target
+    rows.append(
+        Row("actual error of a coordinate, rms, fitted", "unknown", f"{float(np.sqrt((error**2).mean())):.4f} mm")
+    )
+    return rows
+
+
+def _stated(points: Points) -> float:
+    coded = np.flatnonzero(points.code > 0)
+    return float(np.sqrt(np.diag(points.covariance_of(coded)).mean()))
+
+
+def fitted(found: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """(n, 3) `found` moved, turned and scaled onto `target` by least squares (Umeyama 1991)."""
+    a, b = found - found.mean(axis=0), target - target.mean(axis=0)
+    U, S, Vt = np.linalg.svd(b.T @ a)
+    D = np.diag([1, 1, np.sign(np.linalg.det(U @ Vt))])
+    scale = float((S * np.diag(D)).sum() / (a**2).sum())
+    return np.asarray(scale * a @ (U @ D @ Vt).T + target.mean(axis=0))
