@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from testfield.calibrate.calibration import Calibration
 from testfield.detect.observations import MEASURED, Observations
@@ -59,26 +60,41 @@ def compared(job: Measured, twin: Measured, scene: SceneFile) -> list[Row]:
     """Figures of both, residuals first. Where the job has codes, residuals are those of codes, which both have."""
     coded = bool((job.points.code > 0).any())
     rows = [_of_residuals(job, twin, coded)]
-    rows.append(
-        Row(
-            "scatter over what detection claims (sigma0)",
-            f"{job.calibration.sigma0:.2f}",
-            f"{twin.calibration.sigma0:.2f}",
-        )
-    )
+    claims = [_claimed(one, coded) for one in (job, twin)]
+    scatter = [one.calibration.sigma0 for one in (job, twin)]
+    implied = [u * s for u, s in zip(claims, scatter, strict=True)]
+    rows += [
+        _row("standard deviation that residuals imply", [f"{v:.4f} px" for v in implied], implied[0] / implied[1]),
+        _row("what detection claims of it, rms", [f"{v:.4f} px" for v in claims]),
+        _row("scatter over these claims (sigma0)", [f"{v:.2f}" for v in scatter]),
+        _row("correlation of neighbours in an image", [f"{likeness(one):.2f}" for one in (job, twin)]),
+    ]
     rows.append(Row("targets adjusted", str(_adjusted(job, coded)), str(_adjusted(twin, coded))))
     for name in ("fx", "cx", "cy"):
-        rows.append(Row(f"{name} ± u, px", *(_parameter(one.calibration, name) for one in (job, twin))))
+        rows.append(_row(f"{name} ± u, px", [_parameter(one.calibration, name) for one in (job, twin)]))
     rows.append(_focal_error(twin, scene))
     if coded:
         rows += _of_points(job, twin, scene)
     return rows
 
 
+def _row(title: str, both: list[str], ratio: float | None = None) -> Row:
+    job, twin = both
+    return Row(title, job, twin, ratio)
+
+
 def _rms(measured: Measured, coded: bool) -> float:
     rows, residual = residuals_of(measured)
     chosen = measured.observations.code[rows] > 0 if coded else np.ones(len(rows), bool)
     return float(np.sqrt(np.mean(residual[chosen] ** 2))) if chosen.any() else float("nan")
+
+
+def _claimed(measured: Measured, coded: bool) -> float:
+    """Root mean square of the standard uncertainties of adjusted coordinates, as detection claims them."""
+    rows, _ = residuals_of(measured)
+    chosen = rows[measured.observations.code[rows] > 0] if coded else rows
+    cov = measured.observations.cov_px2[chosen]
+    return float(np.sqrt(np.trace(cov, axis1=1, axis2=2).mean() / 2)) if len(chosen) else float("nan")
 
 
 def _of_residuals(job: Measured, twin: Measured, coded: bool) -> Row:
@@ -90,6 +106,25 @@ def _of_residuals(job: Measured, twin: Measured, coded: bool) -> Row:
 def _adjusted(measured: Measured, coded: bool) -> int:
     rows, _ = residuals_of(measured)
     return int((measured.observations.code[rows] > 0).sum()) if coded else len(rows)
+
+
+def likeness(measured: Measured) -> float:
+    """Correlation of the residuals of neighbouring marks in one image, what each mark's residuals share over all images
+    taken out: 0 where only noise is left, near 1 where something smooth differs from image to image."""
+    rows, residual = residuals_of(measured)
+    o, own = measured.observations, residual.copy()
+    for mark in np.unique(o.point[rows]):
+        same = o.point[rows] == mark
+        if mark >= 0 and same.sum() > 2:
+            own[same] -= own[same].mean(axis=0)
+    products, squares = 0.0, 0.0
+    for station in np.unique(o.station[rows]):
+        here = np.flatnonzero(o.station[rows] == station)
+        if len(here) > 2:
+            near = cKDTree(o.xy_px[rows[here]]).query(o.xy_px[rows[here]], k=2)[1][:, 1]
+            products += float((own[here] * own[here][near]).sum())
+            squares += float((own[here] ** 2).sum())
+    return products / squares if squares else 0.0
 
 
 def _parameter(calibration: Calibration, name: str) -> str:
@@ -110,7 +145,7 @@ def _of_points(job: Measured, twin: Measured, scene: SceneFile) -> list[Row]:
     """Stated uncertainty of the codes' coordinates, and the twin's actual errors after a fit of seven parameters."""
     true = {one.code: np.array(one.position_mm) for one in scene.check_targets if one.generator == "single"}
     both = [k for k in range(len(twin.points)) if int(twin.points.code[k]) in true]
-    rows = [Row("stated u of a code's coordinate, rms", *(f"{_stated(one.points):.4f} mm" for one in (job, twin)))]
+    rows = [_row("stated u of a code's coordinate, rms", [f"{_stated(one.points):.4f} mm" for one in (job, twin)])]
     if len(both) < 4:
         return rows
     found = twin.points.xyz_mm[both]

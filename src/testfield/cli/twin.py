@@ -18,6 +18,12 @@ def add(commands: Any) -> None:
     p.add_argument("run", type=Path, metavar="RUN", help="a folder of `testfield measure`")
     p.add_argument("--out", type=Path, metavar="FOLDER", help="where the twin goes (default: RUN/twin)")
     p.add_argument("--measure", action="store_true", help="render the twin, measure it, and compare")
+    p.add_argument(
+        "--scene",
+        type=Path,
+        metavar="FILE.toml",
+        help="a twin that was changed: rendered, measured and compared instead",
+    )
     p.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes at once")
     p.add_argument("--json", action="store_true", help="print one JSON object")
     p.set_defaults(act=act)
@@ -73,9 +79,10 @@ def _twin(args: argparse.Namespace, out: Path) -> int:
     twin = twin_of(
         name, measured.calibration, measured.points, measured.observations, field, target, seen, source.parent
     )
-    path = out / "twin.toml"
-    head = "".join(f"# {line}\n" for line in (f"Made by testfield twin of {args.run}.", *twin.notes))
-    write_text(path, head + "\n" + tomli_w.dumps(twin.scene))
+    path = args.scene or out / "twin.toml"
+    if args.scene is None:
+        head = "".join(f"# {line}\n" for line in (f"Made by testfield twin of {args.run}.", *twin.notes))
+        write_text(path, head + "\n" + tomli_w.dumps(twin.scene))
     scene = load_scene(path)
     colours = "bright on dark" if seen.white_on_black else "dark on bright"
     print(
@@ -87,7 +94,7 @@ def _twin(args: argparse.Namespace, out: Path) -> int:
     for note in twin.notes:
         print(f"note: {note}", file=say)
     print(f"scene: {path}", file=say)
-    if not args.measure:
+    if not (args.measure or args.scene):
         if args.json:
             print(json.dumps({"scene": str(path), "seen": asdict(seen), "notes": list(twin.notes)}))
         return 0

@@ -12,7 +12,18 @@ from testfield.store.stamp import stamp
 from testfield.store.text import write_text
 
 JOB = "job.json"
-OPTIONS = ("field", "target", "lens", "hold", "focal_px", "bayer", "smallest_px")
+OPTIONS = (
+    "field",
+    "target",
+    "lens",
+    "hold",
+    "focal_px",
+    "bayer",
+    "smallest_px",
+    "largest_px",
+    "unclear",
+    "lines",
+)
 """Options that say how images are measured, by their names in `testfield measure`."""
 
 
@@ -37,6 +48,8 @@ def job_of(arguments: dict[str, Any]) -> Job:
         if value not in (None, "", False):
             text = str(value.resolve()) if isinstance(value, Path) else str(value)
             options += [f"--{name.replace('_', '-')}", text]
+    if arguments.get("dense") is False:
+        options.append("--no-dense")
     several = bool(arguments.get("by_folder") or arguments.get("rig"))
     return Job(tuple(path.resolve() for path in arguments.get("images") or ()), tuple(options), several)
 

@@ -63,6 +63,7 @@ def fast_views(
 def _finish(keep: Callable[[Radiance], Kept], name: str, values: np.ndarray, blurring: list[Future]) -> Kept:
     for blur in blurring:
         blur.result()  # has ended, for the thread does one thing after another; raises what it raised
+    values[values < 0] = 0  # what rounding of the blur's sums leaves of black beside light
     return keep(Radiance(name, values))
 
 
