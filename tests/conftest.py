@@ -15,6 +15,8 @@ from testfield.chain.stages import STAGES, run_stage
 
 SCENES = Path(__file__).parents[1] / "scenes"
 collect_ignore = ["example_package"]  # a package of its own, which test_pytest_plugin.py installs and runs
+IN_FULL = Path(__file__).parent / "written_out/quick.toml"
+"""scenes/quick.toml with nothing declared once, for tests that change a line of it."""
 TINY = Path(__file__).parent / "torture/tiny.toml"
 
 

@@ -3,11 +3,12 @@
 from pathlib import Path
 
 import pytest
+from conftest import IN_FULL
 
 from testfield.cli.main import main
 
 SCENES = Path(__file__).parents[1] / "scenes"
-QUICK = (SCENES / "quick.toml").read_text()
+QUICK = IN_FULL.read_text()
 
 
 def complaint(tmp_path: Path, capsys: pytest.CaptureFixture, text: str) -> str:

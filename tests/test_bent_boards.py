@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import IN_FULL
 
 from testfield.calibrate.stitched import stitched
 from testfield.camera.circle import disc_image
@@ -244,7 +245,7 @@ def test_a_calibration_told_that_boards_are_flat_finds_that_they_are_not() -> No
 
 
 def test_a_bow_of_more_than_a_half_circle_is_refused() -> None:
-    text = QUICK.read_text().replace("spin_deg = 2\n", "spin_deg = 2\nbow_mm = 200\n")
+    text = IN_FULL.read_text().replace("spin_deg = 2\n", "spin_deg = 2\nbow_mm = 200\n")
     with pytest.raises(TestfieldError, match=r"boards\[0\]"):
         parse_scene(text, "bent.toml")
 

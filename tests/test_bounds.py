@@ -4,13 +4,14 @@ import time
 from pathlib import Path
 
 import pytest
+from conftest import IN_FULL
 
 from testfield.cli.main import main
 from testfield.errors import TestfieldError
 from testfield.scene.load import parse_scene
 from testfield.targets.field_file import load_field_file
 
-QUICK = (Path(__file__).parents[1] / "scenes/quick.toml").read_text(encoding="utf-8")
+QUICK = IN_FULL.read_text(encoding="utf-8")
 GRID = '[[check_targets]]\ngenerator = "grid"\nfirst_code = 201\ncounts = [3, 1, 2]'
 RANDOM = (
     '[[stations]]\ngenerator = "grid"\ncounts = [1000, 1000, 1000]\nlow_mm = [0, -3000, 0]\nhigh_mm = [1, -2000, 1]\n'

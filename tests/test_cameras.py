@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import SCENES
+from conftest import IN_FULL, SCENES
 from several_cameras import drawn, fewer
 
 from testfield.calibrate.calibration import Calibration
@@ -127,7 +127,7 @@ def test_a_station_of_several_cameras_names_one(tmp_path: Path) -> None:
 
 
 def test_one_camera_under_a_name_is_the_camera_alone() -> None:
-    text = (SCENES / "quick.toml").read_text()
+    text = IN_FULL.read_text()
     alone = Truth.of(parse_scene(text, "quick.toml"), "quick.toml")
     named = text.replace("[camera]", '[[cameras]]\nname = "body"').replace(
         "[[stations]]", '[[stations]]\ncamera = "body"'

@@ -4,7 +4,7 @@ import tomllib
 
 import pytest
 import tomli_w
-from conftest import SCENES
+from conftest import IN_FULL
 
 from testfield.cli.main import main
 from testfield.errors import TestfieldError
@@ -13,7 +13,7 @@ from testfield.scene.catalogue import LISTS, catalogue
 from testfield.scene.document import read_document
 from testfield.scene.load import parse_scene
 
-QUICK = tomllib.loads((SCENES / "quick.toml").read_text())
+QUICK = tomllib.loads(IN_FULL.read_text())
 
 
 def with_board(name: str) -> str:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import IN_FULL
 from test_ring_shapes import drawn
 
 from testfield.author.prints import card_of
@@ -132,7 +133,7 @@ def test_a_photograph_is_read_by_the_table_that_is_named(tmp_path: Path, capsys:
 
 
 def scene_with(folder: Path, table: str) -> Path:
-    text = (SCENES / "quick.toml").read_text()
+    text = IN_FULL.read_text()
     return written(
         folder, text.replace("seed = 7", f'seed = 7\ncode_table = "{table}"\ncode_radii = "1:2.25:3.5"'), "s.toml"
     )

@@ -5,6 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from conftest import IN_FULL
 
 from testfield.bench.clutter import cluttered_view
 from testfield.bench.recall import Recall, count, look, take
@@ -210,7 +211,7 @@ def test_a_scene_may_have_wide_rings(tmp_path: Path) -> None:
     from testfield.scene.build import build_world
     from testfield.scene.load import load_scene
 
-    text = (SCENES / "quick.toml").read_text()
+    text = IN_FULL.read_text()
     scene = tmp_path / "wide.toml"
     scene.write_text(text.replace("seed = 7", 'seed = 7\ncode_radii = "1:2.5:4"'))
     world, usual = build_world(load_scene(scene)), build_world(load_scene(SCENES / "quick.toml"))

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from conftest import SCENES
+from conftest import IN_FULL, SCENES
 
 from testfield.chain.run import begin
 from testfield.errors import TestfieldError
@@ -12,7 +12,7 @@ from testfield.evaluate.execute import run_name
 from testfield.scene.document import load_document
 from testfield.scene.load import load_scene
 
-QUICK = (SCENES / "quick.toml").read_text()
+QUICK = IN_FULL.read_text()
 HEAD, _, REST = QUICK.partition("[volume]")
 BODY, _, STATIONS = REST.partition("[[stations]]")
 CAMERA, _, ROOM = BODY.partition("[room]")

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from conftest import IN_FULL
 
 from testfield.camera.images import Radiance
 from testfield.camera.interior import Interior
@@ -29,7 +30,7 @@ from testfield.scene.world import BOARD, AreaLight, Panels, PointLight, TrueMark
 from testfield.targets.field import Field
 
 SCENES = Path(__file__).parents[1] / "scenes"
-QUICK = (SCENES / "quick.toml").read_text()
+QUICK = IN_FULL.read_text()
 FORMATS = ("stl", "obj", "ply", "glb")
 
 

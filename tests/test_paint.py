@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import IN_FULL
 
 from testfield.camera.interior import Interior
 from testfield.camera.pose import Poses
@@ -38,7 +39,7 @@ from testfield.scene.world import (
 from testfield.targets.field import Field
 
 SCENES = Path(__file__).parents[1] / "scenes"
-QUICK = (SCENES / "quick.toml").read_text()
+QUICK = IN_FULL.read_text()
 D_MM, GROUND, INK, RADIUS_MM = 2000.0, 0.1, 0.6, 60.0
 SIZE_PX, FOCAL_PX = 65, 400.0
 RETRO_INK = Retro(300.0, float(np.radians(45)), float(np.radians(0.8)))

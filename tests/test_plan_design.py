@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import IN_FULL
 
 from testfield.bench.plan import against_random, ratio_of, timed
 from testfield.cli.main import main
@@ -52,12 +53,12 @@ def test_a_shortlist_loses_little(choice: Choice) -> None:
 
 def test_what_is_proposed_is_what_the_scene_with_it_predicts(choice: Choice, job: Job) -> None:
     design = propose(choice, Goal("u_rms_mm"), most=2)
-    text = with_stations(QUICK.read_text(), choice.candidates, design.chosen)
+    text = with_stations(IN_FULL.read_text(), choice.candidates, design.chosen)
     again = Job.of(parse_scene(text, "more.toml", SCENES), "more.toml")
     assert len(again.images) == len(job.images) + 2
     assert GOALS["u_rms_mm"](predict(planned(again))) == pytest.approx(design.value, rel=1e-4)
     assert [line for line in text.splitlines() if line.startswith("#")] == [
-        line for line in QUICK.read_text().splitlines() if line.startswith("#")
+        line for line in IN_FULL.read_text().splitlines() if line.startswith("#")
     ]
 
 
@@ -106,7 +107,7 @@ def test_candidates_around_a_mesh_stand_outside_of_it() -> None:
 
 
 def test_out_of_focus_nothing_is_a_candidate() -> None:
-    text = QUICK.read_text().replace("f_number = 5.6", "f_number = 0.9\nfocus_mm = 120")
+    text = IN_FULL.read_text().replace("f_number = 5.6", "f_number = 0.9\nfocus_mm = 120")
     with pytest.raises(TestfieldError, match="candidates"):
         candidates_of(Job.of(parse_scene(text, "blurred.toml", SCENES), "blurred.toml"))
 

@@ -1,8 +1,8 @@
 """Sensor presets: figures with their source, and the scene's own fields go first."""
 
-from pathlib import Path
 
 import pytest
+from conftest import IN_FULL
 
 from testfield.cli.main import main
 from testfield.errors import TestfieldError
@@ -10,7 +10,7 @@ from testfield.scene.camera_parts import CameraPart, SensorPart
 from testfield.scene.load import parse_scene
 from testfield.sensor.presets import ABOUT, OF_THE_CAMERA, presets
 
-QUICK = (Path(__file__).parents[1] / "scenes/quick.toml").read_text()
+QUICK = IN_FULL.read_text()
 
 
 def test_every_preset_says_where_its_figures_are_from_and_uses_the_scenes_names() -> None:

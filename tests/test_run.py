@@ -10,6 +10,7 @@ import time
 from pathlib import Path
 
 import pytest
+from conftest import IN_FULL
 
 from testfield.chain.belongs import check_truth
 from testfield.chain.run import Run, begin, resume
@@ -336,7 +337,7 @@ def test_another_seed_changes_the_noise_and_what_was_drawn(tmp_path: Path) -> No
     from testfield.scene.build import build_world
     from testfield.scene.load import parse_scene
 
-    text = QUICK.read_text()
+    text = IN_FULL.read_text()
     a, b = (build_world(parse_scene(with_seed(text, seed), "x")) for seed in (7, 8))
     assert build_world(parse_scene(text, "x")).seed == 7
     assert not (a.marks.xy_mm == b.marks.xy_mm).all()

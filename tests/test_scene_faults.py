@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from conftest import IN_FULL
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -15,7 +16,7 @@ from testfield.store.toml_lines import Lines, Location
 from testfield.targets.field_file import load_field_file
 
 ROOT = Path(__file__).parents[1]
-QUICK = (ROOT / "scenes/quick.toml").read_text()
+QUICK = IN_FULL.read_text()
 
 FAULTY = """
 name = "faulty"

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import pytest
 from conftest import SCENES
 
 from testfield.scene.build import build_world
@@ -11,9 +12,10 @@ from testfield.store.digests import digest
 WRITTEN_OUT = Path(__file__).parent / "written_out"
 
 
-def test_the_stitched_wall_is_short_and_the_same_world() -> None:
-    short = SCENES / "stitched_wall.toml"
-    assert len(short.read_text().splitlines()) <= 100
-    scene, long = load_scene(short), load_scene(WRITTEN_OUT / "stitched_wall.toml")
+@pytest.mark.parametrize("name, lines", [("stitched_wall.toml", 100), ("quick.toml", 60)])
+def test_a_scene_is_short_and_the_same_world(name: str, lines: int) -> None:
+    short = SCENES / name
+    assert len(short.read_text().splitlines()) <= lines
+    scene, long = load_scene(short), load_scene(WRITTEN_OUT / name)
     assert scene.model_dump() == long.model_dump()
     assert digest(build_world(scene)) == digest(build_world(long))

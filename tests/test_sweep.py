@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import SCENES
+from conftest import IN_FULL, SCENES
 
 from testfield.cli.main import main
 from testfield.errors import TestfieldError, faults_in
@@ -18,7 +18,7 @@ from testfield.evaluate.sweep import Sweep
 from testfield.evaluate.sweep_design import Design, Levels, combinations, count_of
 from testfield.scene.load import load_scene
 
-QUICK = (SCENES / "quick.toml").read_text()
+QUICK = IN_FULL.read_text()
 
 
 def with_vary(folder: Path, vary: str) -> Path:

@@ -15,6 +15,7 @@ from testfield.evaluate.failures import FAILURE
 from testfield.evaluate.keys import file_digests
 from testfield.evaluate.regress.suite import FAILURES, Suite, SuiteScene
 from testfield.measure.recipe import Recipe
+from testfield.scene.declared import expanded
 from testfield.scene.load import parse_scene
 from testfield.store.digests import digest
 
@@ -48,7 +49,8 @@ def setups_of(suite: Suite) -> list[Setup]:
     found = []
     for scene in suite.scenes:
         base = _base(suite, scene)
-        whole = digest(base.scene, file_digests(base))
+        # Of what the file says, not of how: a board declared once is the board written out.
+        whole = digest(expanded(base.scene or {}, str(scene.path)), file_digests(base))
         found += [Setup(scene.title, base, recipe, whole) for recipe in suite.recipes or (None,)]
     return found
 
