@@ -1,6 +1,5 @@
 """Sensor presets: figures with their source, and the scene's own fields go first."""
 
-
 import pytest
 from conftest import IN_FULL
 
