@@ -22,13 +22,14 @@ from testfield.targets.board_pattern import BoardPattern
 
 WIDTH, HEIGHT = 400, 320
 TRUE = Interior(WIDTH, HEIGHT, np.array([420.0, 418.0, 203.1, 155.4, -0.12, 0.0, 0.0, 0.0, 0.0]))
-KINDS = {
-    "checkerboard:8x5:25": 25.0,
-    "charuco:7x5:DICT_4X4_50:30:22": 30.0,
-    "tags:4x3:DICT_4X4_50:50:36:3": 50.0,
-    "circles:8x6:25:14": 25.0,
-    "acircles:4x9:22:18": 22.0,
-}
+KINDS = (
+    "checkerboard:8x5:25",
+    "charuco:7x5:DICT_4X4_50:30:22",
+    "tags:4x3:DICT_4X4_50:50:36:3",
+    "aprilgrid:3x2:60:18",
+    "circles:8x6:25:14",
+    "acircles:4x9:22:18",
+)
 TILTS = [(0.15, -0.12), (0.6, 0.1), (-0.55, 0.2), (0.1, 0.6), (-0.1, -0.6), (0.45, -0.45), (-0.4, -0.4)]
 TURNS = [-0.15, 0.2, -0.3, 0.4, -0.2, 0.1, 0.25]
 BLACK_DN, WHITE_DN, NOISE_DN, BLUR_PX, FINE = 30.0, 200.0, 4.0, 0.7, 4
@@ -96,7 +97,7 @@ def off(folder: Path) -> tuple[float, np.ndarray]:
     return float(error @ np.linalg.solve(cov, error)), np.sqrt(np.diag(cov))
 
 
-SLOW = ("tags", "circles")
+SLOW = ("tags", "aprilgrid", "circles")
 """Kinds of which the parts are tested elsewhere, too."""
 
 
