@@ -70,6 +70,7 @@ def test_the_twin_of_a_rendered_scene_scatters_as_the_scene_did(twin: dict) -> N
     rows = {row["title"]: row for row in twin["rows"]}
     implied = rows["standard deviation that residuals imply"]["ratio"]
     assert 1 / 1.5 < implied < 1.5
+    assert not any("differs from image to image" in reason for reason in twin["reasons"])
     assert 0 < float(rows["actual error of a coordinate, rms, fitted"]["twin"].split()[0]) < 0.5
 
 

@@ -11,6 +11,8 @@ from testfield.detect.observations import MEASURED, Observations
 from testfield.reconstruct.points import Points
 from testfield.scene.schema import SceneFile
 
+ALIKE, UNLIKE = 1.5, 0.3
+"""A ratio up to which two scatters are alike, and a difference of correlations beyond which there is a reason."""
 PLACES = 6
 """Decimals of a pixel by which a residual finds its observation."""
 
@@ -76,6 +78,31 @@ def compared(job: Measured, twin: Measured, scene: SceneFile) -> list[Row]:
     if coded:
         rows += _of_points(job, twin, scene)
     return rows
+
+
+def reasons(job: Measured, twin: Measured) -> list[str]:
+    """What makes the job's residuals other than the twin's, as far as both show it; empty where they are alike."""
+    coded = bool((job.points.code > 0).any())
+    raw = _rms(job, coded) / _rms(twin, coded)
+    a, b = (_claimed(one, coded) * one.calibration.sigma0 for one in (job, twin))
+    implied = a / b
+    said = []
+    if max(implied, 1 / implied) > ALIKE:
+        if likeness(job) - likeness(twin) > UNLIKE:
+            said.append(
+                "residuals of neighbours go together in the photographs and not in the twin: something smooth differs "
+                "from image to image (a target that bends, focus, motion), and a twin holds still"
+            )
+        else:
+            said.append(
+                "the photographs have errors that the twin does not: look at their sharpening, light and targets"
+            )
+    elif max(raw, 1 / raw) > ALIKE:
+        said.append(
+            "corrected for redundancy both scatter alike; the residuals differ because other targets, which the twin "
+            "does not have, control the codes as well"
+        )
+    return said
 
 
 def _row(title: str, both: list[str], ratio: float | None = None) -> Row:

@@ -47,7 +47,7 @@ def _twin(args: argparse.Namespace, out: Path) -> int:
     import tomli_w
 
     from testfield.author.twin import twin_of
-    from testfield.author.twin_compare import Measured, compared
+    from testfield.author.twin_compare import Measured, compared, reasons
     from testfield.camera.photograph import read_photograph
     from testfield.chain.complete import complete
     from testfield.cli.detect import _images
@@ -100,7 +100,8 @@ def _twin(args: argparse.Namespace, out: Path) -> int:
         return 0
     run, _ = complete(path, out / "run", jobs=jobs_of(args.jobs), stages=("render", "expose"))
     _measure_again(run.folder / "frames", job.options, out / "measured")
-    rows = compared(measured, Measured.load(out / "measured"), scene)
+    again = Measured.load(out / "measured")
+    rows, why = compared(measured, again, scene), reasons(measured, again)
     if args.json:
         print(
             json.dumps(
@@ -109,6 +110,7 @@ def _twin(args: argparse.Namespace, out: Path) -> int:
                     "seen": asdict(seen),
                     "notes": list(twin.notes),
                     "rows": [asdict(row) for row in rows],
+                    "reasons": why,
                 }
             )
         )
@@ -116,7 +118,9 @@ def _twin(args: argparse.Namespace, out: Path) -> int:
     print(f"{'':<46}{'photographs':>18}{'twin':>18}{'ratio':>8}")
     for row in rows:
         ratio = "" if row.ratio is None else f"{row.ratio:.2f}"
-        print(f"{row.title:<46}{row.job:>18}{row.twin:>18}{ratio:>8}")
+        print(f"{row.title:<46}{row.job:>18}{row.twin:>18}{ratio:>8}".rstrip())
+    for reason in why:
+        print(f"reason: {reason}")
     return 0
 
 
