@@ -116,6 +116,10 @@ pattern = { kind = "acircles", columns = 4, rows = 9, pitch_mm = 40, diameter_mm
 name = "aprilgrid"
 position_mm = [1900, 250, 1560]
 pattern = { kind = "aprilgrid", columns = 4, rows = 3, marker_mm = 60, gap_mm = 20, first_tag = 5 }
+[[boards]]
+name = "cctag"
+position_mm = [2900, 250, 1560]
+pattern = { kind = "cctag", columns = 4, rows = 3, pitch_mm = 100, diameter_mm = 70, crowns = 4, first_tag = 5 }
 [certified_poses]
 u_position_mm = 0.1
 u_rotation_deg = 0.01
@@ -394,6 +398,12 @@ TABLE: dict[str, list[Change]] = {
         ("boards.7.pattern.border_cells", 1, ALL),
         ("boards.7.pattern.dictionary", "DICT_APRILTAG_25h9", ALL),
         ("boards.7.pattern.first_tag", 6, ALL),
+        ("boards.8.pattern.columns", 5, ALL),
+        ("boards.8.pattern.rows", 4, ALL),
+        ("boards.8.pattern.pitch_mm", 101, ALL),
+        ("boards.8.pattern.diameter_mm", 71, ALL),
+        ("boards.8.pattern.crowns", 3, ALL),
+        ("boards.8.pattern.first_tag", 6, ALL),
         ("u_print_scale_ppm", 30, ALL),
         ("certified_poses.u_position_mm", 0.2, SHEET),
         ("certified_poses.u_rotation_deg", 0.02, SHEET),

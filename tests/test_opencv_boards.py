@@ -72,6 +72,7 @@ CHECKERBOARD = 'kind = "checkerboard", columns = 8, rows = 5, square_mm = 36'
 ARUCO = 'kind = "aruco", columns = 4, rows = 3, marker_mm = 54, gap_mm = 18, first_tag = 10'
 APRILTAG = 'kind = "apriltag", columns = 4, rows = 3, marker_mm = 58, gap_mm = 18'
 APRILGRID = 'kind = "aprilgrid", columns = 4, rows = 3, marker_mm = 54, gap_mm = 16.2'
+CCTAG = 'kind = "cctag", columns = 4, rows = 3, pitch_mm = 74, diameter_mm = 58, first_tag = 7'
 CIRCLES = 'kind = "circles", columns = 9, rows = 6, pitch_mm = 32, diameter_mm = 16'
 ASYMMETRIC = 'kind = "acircles", columns = 4, rows = 9, pitch_mm = 24, diameter_mm = 18'
 
@@ -210,7 +211,7 @@ def test_a_rendered_asymmetric_grid_is_read_by_opencv_in_its_order() -> None:
     assert gap.argmin(axis=1).tolist() in (list(range(36)), list(range(35, -1, -1)))
 
 
-@pytest.mark.parametrize("pattern", [CHARUCO, CHECKERBOARD, ARUCO, APRILTAG, APRILGRID, CIRCLES, ASYMMETRIC])
+@pytest.mark.parametrize("pattern", [CHARUCO, CHECKERBOARD, ARUCO, APRILTAG, APRILGRID, CCTAG, CIRCLES, ASYMMETRIC])
 def test_every_point_of_every_board_is_named_and_known_as_well_as_claimed(pattern: str) -> None:
     world = built(pattern)
     _, _, score = measured(world, shots(pattern))

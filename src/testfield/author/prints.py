@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from testfield.targets.board_pattern import Cells
+from testfield.targets.board_pattern import Cells, Discs
 from testfield.targets.code_table import CodeTable, words_of
 from testfield.targets.field import Field, NominalBoard
 from testfield.targets.marks import RADII, USUAL, Marks, RingRadii
@@ -46,8 +46,9 @@ class Print:
 
     @cached_property
     def sectors(self) -> tuple[Sector, ...]:
-        """The rings' bright parts."""
-        return sectors_of(self.marks, self.radii, self.codes)
+        """The rings' bright parts, or the crowns of round tags in two halves each."""
+        discs = self.board.pattern.discs if self.board is not None and self.board.pattern is not None else None
+        return sectors_of(self.marks, self.radii, self.codes) if discs is None else crowns_of(discs)
 
     @property
     def areas_mm(self) -> np.ndarray:
@@ -63,6 +64,7 @@ class Print:
     def finest_mm(self) -> float:
         """The smallest thing that is printed: a dot, a ring's segment or its breadth, a cell."""
         found = [np.diff(self.cells.x_mm).min(), np.diff(self.cells.y_mm).min()] if self.cells else []
+        found += [sector.outer_mm - sector.inner_mm for sector in self.sectors if self.cells]
         radius = self.marks.diameter_mm / 2
         if not self.cells and len(radius):
             found.append(2 * radius.min())
@@ -102,6 +104,16 @@ def card_of(code: int, diameter_mm: float, sheet: Field) -> Print:
 def reach_mm(marks: Marks, radii: RingRadii) -> np.ndarray:
     """(n,) how far from their centres marks need their ground."""
     return np.asarray(marks.diameter_mm / 2 * np.where(marks.code > 0, radii.quiet, 1 + BORDER))
+
+
+def crowns_of(discs: Discs) -> tuple[Sector, ...]:
+    """The rings of ink between discs of ink and those of paper that follow them, in two halves each."""
+    found = []
+    for k in np.flatnonzero(discs.sign > 0):
+        x, y = discs.xy_mm[k].tolist()
+        outer, inner = float(discs.radius_mm[k]), float(discs.radius_mm[k + 1])
+        found += [Sector((x, y), inner, outer, first, first + np.pi) for first in (-np.pi, 0.0)]
+    return tuple(found)
 
 
 def sectors_of(marks: Marks, radii: RingRadii, codes: CodeTable | None = None) -> tuple[Sector, ...]:

@@ -8,6 +8,9 @@ import numpy as np
 from testfield.camera.images import InvertedSheet
 from testfield.camera.photograph import Photograph
 from testfield.detect.circle_grid import order_grid
+from testfield.detect.crown_boards import observed
+from testfield.detect.crowns import read_crowns
+from testfield.detect.eight_bits import pictures
 from testfield.detect.every_dot import measured
 from testfield.detect.hints import exposure, of_boards, of_dots, of_grids, of_rings
 from testfield.detect.knobs import DEFAULT, Knobs
@@ -80,7 +83,7 @@ def detect_in_photograph(
     of less than `smallest_px` diameter are not looked for. An image that shows nothing gives an empty result. `codes`
     is the table of the rings' numbers where it is not that of their bits; `knobs` turn what is decided by default."""
     if target.kind not in ("ring", "circles"):
-        board = _of_board(photograph, target, smallest_px)
+        board = _of_crowns(photograph, target) if target.crowns else _of_board(photograph, target, smallest_px)
         if not len(board.observations):
             seen = of_boards(photograph, target) or of_dots(_plain_dots(photograph, smallest_px).observations)
             board = replace(board, notes=(*board.notes, *exposure(photograph), *seen))
@@ -154,6 +157,19 @@ def _grid_places(targets: Targets, target: TargetSpec) -> np.ndarray:
     diameter = 4 * np.linalg.det(targets.moments_px2[good]) ** 0.25
     place[good] = order_grid(targets.xy_px[good], diameter, target.columns, target.rows)
     return place
+
+
+def _of_crowns(photograph: Photograph, target: TargetSpec) -> Found:
+    """CCTags by their numbers."""
+    image, sheet = photograph.pixels, estimate_sheet(photograph.pixels, photograph.bits, photograph.end_dn)
+    found, unread = read_crowns(image, list(pictures(image)), sheet, target.crowns)
+    notes = [f"{unread} things of circles one within the other that are none of these tags"] if unread else []
+    numbers = [one.number for one in found]
+    if twice := sorted({number for number in numbers if numbers.count(number) > 1}):
+        notes.append(f"read more than once: {', '.join(map(str, twice))}")
+    none = np.full(len(found), -1)
+    observations = observed(photograph.name, found, none, np.zeros(len(found), int), codes=True)
+    return Found(observations, np.full((len(found), 2), -1), tuple(notes))
 
 
 def _of_board(photograph: Photograph, target: TargetSpec, smallest_px: float) -> Found:

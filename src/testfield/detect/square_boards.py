@@ -15,6 +15,7 @@ from testfield.camera.plane_image import as_others_say
 from testfield.detect.bright import bright_marks
 from testfield.detect.clear_pixels import CLEAR_OF_BLUR, CLEAR_PX, NEAREST, clear_pixels, covered
 from testfield.detect.corner_model import FittedCorners, fit_corners
+from testfield.detect.crown_boards import CrownReader
 from testfield.detect.eight_bits import pictures
 from testfield.detect.observations import MEASURED, Observations
 from testfield.detect.opencv_boards import checkerboards, tag_detector
@@ -47,8 +48,14 @@ def detect_squares(frame: Frame, sheets: Field) -> tuple[Observations, list[np.n
     """All corners of all boards of squares and tags in one frame, and the outlines (m, 2) px of what is printed."""
     image, sheet = bright_marks(frame, True)
     read = _Reader(image)
+    crowns = CrownReader(image, read.pictures, sheet)
     parts, outlines = [_observations(frame.station)], []
     for b, board in enumerate(sheets.boards):
+        if board.pattern is not None and board.pattern.crowns:
+            observations, around = crowns.board(frame.station, b, board.pattern)
+            parts.append(observations)
+            outlines += around
+            continue
         seen = read.board(board.pattern) if board.pattern is not None and board.has_corners else None
         if seen is None or board.pattern is None:
             continue

@@ -16,6 +16,7 @@ KINDS = {
     "charuco:7x5:DICT_4X4_50:30:22": "ChArUco: squares, dictionary, side of a square and of a marker in mm, by OpenCV",
     "aruco:DICT_4X4_50": "ArUco markers, by OpenCV",
     "aprilgrid:6x6:88:26.4": "Kalibr's AprilGrid: tags in x and y, side of a tag and of a corner square in mm",
+    "cctag:3": "CCTags of 3 crowns, or of 4",
     "apriltag:36h11": "AprilTags, by pupil-apriltags where it is installed, else by OpenCV",
     "tags:5x7:DICT_6X6_50:30:24": "a board of ArUco or AprilTags, row by row: columns, rows, dictionary, from tag to "
     "tag and a tag's side in mm; a last :10 where the first tag is not 0",
@@ -31,7 +32,7 @@ class TargetSpec:
     `dictionary` of markers; `square_mm` from square, dot or tag to the next (of an asymmetric grid: half the distance
     within a row; of an AprilGrid: the square that stands between its tags), `marker_mm` a marker's side or a dot's
     diameter; `sized` whether `square_mm` was said, and `mark_sized` whether `marker_mm` was; `first` the number of a
-    board's first tag."""
+    board's first tag; `crowns` of CCTags."""
 
     kind: str
     bits: int = 0
@@ -43,6 +44,7 @@ class TargetSpec:
     sized: bool = False
     mark_sized: bool = False
     first: int = 0
+    crowns: int = 0
 
     @property
     def is_board(self) -> bool:
@@ -86,6 +88,10 @@ def parse_target(text: str, where: str = "--target") -> TargetSpec:
             if not 0 < square < marker < float("inf"):
                 raise _wrong(text, where, "a corner square is smaller than its tag, and both have a size")
             return TargetSpec(kind, 0, *_size(rest[0]), APRIL_GRID_TAGS, square, marker, True, True)
+        if kind == "cctag" and len(rest) == 1:
+            if rest[0] not in ("3", "4"):
+                raise _wrong(text, where, "CCTags have 3 or 4 crowns")
+            return TargetSpec(kind, crowns=int(rest[0]))
         if kind in ("aruco", "apriltag") and len(rest) == 1 and rest[0]:
             # A scene names the family as OpenCV does, others as its makers do: both are understood.
             family = re.sub(r"(?i)^(dict_april)?tag_?", "", rest[0]) if kind == "apriltag" else rest[0]

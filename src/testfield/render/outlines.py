@@ -77,6 +77,9 @@ def prints(world: World, seen: np.ndarray) -> Curves:
     for print_ in world.prints:
         if seen[print_.panel]:
             parts.append(_steps(print_.panel, print_.cells.x_mm, print_.cells.y_mm, print_.cells.black))
+            if print_.discs is not None:
+                where = np.full(len(print_.discs.radius_mm), print_.panel)
+                parts.append(_circles(where, print_.discs.xy_mm, print_.discs.radius_mm))
     spots = np.flatnonzero(seen[world.dirt.panel]) if len(world.dirt) else np.zeros(0, int)
     parts.append(_circles(world.dirt.panel[spots], world.dirt.xy_mm[spots], world.dirt.radius_mm[spots]))
     panel, start, step, reach = (np.concatenate(column) for column in zip(*parts, strict=True))

@@ -11,8 +11,10 @@ from typing import Any
 import numpy as np
 
 from testfield.render.cells import CellTables
+from testfield.render.discs import DiscTables
 from testfield.render.footprint import half_plane, quarter_plane
 from testfield.render.lookup import bin_of
+from testfield.render.near import listed
 from testfield.render.variant import mitsuba
 from testfield.scene.world import Dirt, Panels, Print, TrueMarks
 from testfield.targets.code_table import CodeTable, words_of
@@ -36,7 +38,7 @@ class PatternTables:
         words = np.zeros(len(marks), np.uint32)
         words[marks.code > 0] = words_of(marks.code[marks.code > 0], bits, codes)
         cells = [
-            _cells(size, marks.xy_mm, extent, np.flatnonzero((marks.panel == k) & ~marks.corner))
+            listed(size, marks.xy_mm, extent, np.flatnonzero((marks.panel == k) & ~marks.corner))
             for k, size in enumerate(panels.size_mm)
         ]
         self.candidates = max((cell.shape[2] for cell in cells), default=1)
@@ -55,6 +57,7 @@ class PatternTables:
             self.radius, self.word = mi.Float(marks.diameter_mm / 2), mi.UInt32(words)
         self.dirt = DirtTables(panels, dirt) if dirt is not None and len(dirt) else None
         self.prints = CellTables(len(panels), prints) if prints else None
+        self.discs = DiscTables(panels, prints) if any(part.discs is not None for part in prints) else None
 
     def coverage(self, panel: Any, uv: Any, duv_dx: Any, duv_dy: Any, parts: int) -> Any:
         """Fraction of the footprint that is ink, in [0, 1].
@@ -86,10 +89,12 @@ class PatternTables:
             for a, b in steps:
                 shift_x, shift_y = a * jacobian[0] + b * jacobian[1], a * jacobian[2] + b * jacobian[3]
                 ink += dr.select(here, self._mark(dx + shift_x, dy + shift_y, radius, word, part), 0)
-        if self.prints is not None:
+        for printed in (self.prints, self.discs):
+            if printed is None:
+                continue
             for a, b in steps:
                 shift_x, shift_y = a * jacobian[0] + b * jacobian[1], a * jacobian[2] + b * jacobian[3]
-                ink += self.prints.coverage(panel, x + shift_x, y + shift_y, part)
+                ink += printed.coverage(panel, x + shift_x, y + shift_y, part)
         return dr.minimum(ink / parts**2, 1)
 
     def _mark(self, dx: Any, dy: Any, radius: Any, word: Any, jacobian: tuple) -> Any:
@@ -135,7 +140,7 @@ class DirtTables:
     def __init__(self, panels: Panels, dirt: Dirt):
         mi = mitsuba()
         cells = [
-            _cells(size, dirt.xy_mm, dirt.radius_mm, np.flatnonzero(dirt.panel == k))
+            listed(size, dirt.xy_mm, dirt.radius_mm, np.flatnonzero(dirt.panel == k))
             for k, size in enumerate(panels.size_mm)
         ]
         self.candidates = max(cell.shape[2] for cell in cells)
@@ -182,29 +187,6 @@ class DirtTables:
             albedo = 0 if black else dr.gather(mi.Float, self.albedo, index, here)
             below = below + covered * (albedo - below)
         return below
-
-
-def _cells(size_mm: np.ndarray, xy_mm: np.ndarray, extent_mm: np.ndarray, marks: np.ndarray) -> np.ndarray:
-    """(rows, columns, k) indices of the marks that may touch each cell of a panel, -1 where fewer than k do."""
-    if len(marks) == 0:
-        return np.full((1, 1, 1), -1)
-    cell_mm = max(2 * np.median(extent_mm[marks]), size_mm.max() / 256)
-    columns, rows = (int(n) for n in np.clip(size_mm // cell_mm, 1, 256))
-    # An edge is felt within a footprint of it; three millimetres are more than any footprint in use.
-    reach = extent_mm[marks] + 3.0
-    low = (xy_mm[marks] - reach[:, None] + size_mm / 2) / size_mm * [columns, rows]
-    high = (xy_mm[marks] + reach[:, None] + size_mm / 2) / size_mm * [columns, rows]
-    lists: list[list[list[int]]] = [[[] for _ in range(columns)] for _ in range(rows)]
-    for mark, (x0, y0), (x1, y1) in zip(marks, np.floor(low), np.floor(high), strict=True):
-        for row in range(max(int(y0), 0), min(int(y1), rows - 1) + 1):
-            for column in range(max(int(x0), 0), min(int(x1), columns - 1) + 1):
-                lists[row][column].append(int(mark))
-    most = max(1, max(len(cell) for row_lists in lists for cell in row_lists))
-    table = np.full((rows, columns, most), -1)
-    for row in range(rows):
-        for column in range(columns):
-            table[row, column, : len(lists[row][column])] = lists[row][column]
-    return table
 
 
 @lru_cache

@@ -12,6 +12,10 @@ from pydantic import (
 from testfield.scene.bend import curvature_of, extent_mm
 from testfield.scene.fields import Count, Dictionary, Direction, Ink, Label, Pair, Part, PositiveFloat, Size, Vector3
 from testfield.targets.board_pattern import BoardPattern, dictionary
+from testfield.targets.crowns import crown_radii
+
+LEAST_CCTAG_PITCH = 1.25
+"""Distance of CCTags in diameters: each needs paper around it."""
 
 
 class ExtensionZone(Part):
@@ -153,6 +157,43 @@ class AprilGridPart(Part):
         return self
 
 
+class CCTagPart(Part):
+    """A grid of CCTags: concentric black crowns whose radii tell their numbers."""
+
+    kind: Literal["cctag"] = Field(description="CCTags in a grid.")
+    columns: int = Field(ge=1, le=100, description="Tags in x.")
+    rows: int = Field(ge=1, le=100, description="Tags in y.")
+    pitch_mm: PositiveFloat = Field(description="Distance of neighbouring tags.")
+    diameter_mm: PositiveFloat = Field(description="Diameter of a tag's outer circle.")
+    crowns: Literal[3, 4] = Field(3, description="Crowns of a tag: of 3 there are 32 tags, of 4 there are 128.")
+    first_tag: int = Field(0, ge=0, description="Number of the first tag; the rest follow row by row.")
+
+    @property
+    def pattern(self) -> BoardPattern:
+        """What is printed."""
+        return BoardPattern(
+            self.kind,
+            self.columns,
+            self.rows,
+            self.pitch_mm,
+            self.diameter_mm,
+            first_tag=self.first_tag,
+            crowns=self.crowns,
+        )
+
+    @model_validator(mode="after")
+    def _tags(self) -> "CCTagPart":
+        if self.pitch_mm < LEAST_CCTAG_PITCH * self.diameter_mm:
+            raise ValueError(
+                f"pitch_mm {self.pitch_mm:g} leaves too little white around tags of {self.diameter_mm:g} mm: "
+                f"make it {LEAST_CCTAG_PITCH * self.diameter_mm:g} or more"
+            )
+        there, last = len(crown_radii(self.crowns)), int(self.pattern.tags[-1])
+        if last >= there:
+            raise ValueError(f"tags to number {last} are needed, and those of {self.crowns} crowns end at {there - 1}")
+        return self
+
+
 class CirclesPart(Part):
     """A symmetric grid of plain dots. It looks the same upside down, so cameras must see it more or less upright."""
 
@@ -196,7 +237,7 @@ class AsymmetricCirclesPart(Part):
 
 
 PatternPart = Annotated[
-    CharucoPart | CheckerboardPart | TagGridPart | AprilGridPart | CirclesPart | AsymmetricCirclesPart,
+    CharucoPart | CheckerboardPart | TagGridPart | AprilGridPart | CCTagPart | CirclesPart | AsymmetricCirclesPart,
     Field(discriminator="kind"),
 ]
 

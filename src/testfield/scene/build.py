@@ -79,7 +79,9 @@ def build_world(scene: SceneFile, workshop: int | None = None) -> World:
             board.name, R, t, board.size_mm, board.thickness_mm, board.ink, curvature, axis_rad, corners
         )
         if nominal.pattern is not None and corners:
-            parts.prints.append(Print(panel, nominal.pattern.cells.scaled(size)))
+            discs = nominal.pattern.discs
+            scaled = None if discs is None else discs.scaled(size)
+            parts.prints.append(Print(panel, nominal.pattern.cells.scaled(size), scaled))
         true_xy = nominal.marks.xy_mm * size + nominal.u_xy_mm * _misprints(board, len(nominal.marks), made)
         for i, xy in enumerate(true_xy):
             parts.mark(panel, xy, nominal.marks.diameter_mm[i], int(nominal.marks.code[i]), BOARD, k, i, corners)

@@ -6,6 +6,7 @@ from testfield.errors import TestfieldError
 from testfield.scene.schema import SceneFile
 from testfield.scene.truth import Views
 from testfield.scene.world import World
+from testfield.targets.board_pattern import BoardPattern
 
 LEAST_CELL_PX = 2.0
 """Width of a tag's cell in the image below which it cannot be read."""
@@ -20,7 +21,7 @@ def check_patterns(scene: SceneFile, world: World, source: str) -> None:
             continue
         size = tuple(sorted((pattern.columns, pattern.rows)))
         # A tag is known by its dictionary and number; what has no tags is known by its size alone.
-        names: list[tuple] = [(pattern.names.upper(), int(tag)) for tag in pattern.tags] or [(pattern.kind, *size)]
+        names: list[tuple] = [(_family(pattern), int(tag)) for tag in pattern.tags] or [(pattern.kind, *size)]
         for name in names:
             if name in owners:
                 what = f"tag {name[1]} of {name[0]}" if len(pattern.tags) else f"{pattern.kind} of the same size"
@@ -48,6 +49,11 @@ def check_patterns(scene: SceneFile, world: World, source: str) -> None:
             )
 
 
+def _family(pattern: BoardPattern) -> str:
+    """What the numbers of a board's tags belong to."""
+    return f"CCTags of {pattern.crowns} crowns" if pattern.crowns else pattern.names.upper()
+
+
 def pattern_warnings(world: World, views: Views, source: str) -> list[str]:
     """A word on tags too small to be read, and on symmetric grids that are seen upside down."""
     warnings = []
@@ -65,7 +71,7 @@ def pattern_warnings(world: World, views: Views, source: str) -> list[str]:
                     f"{source}: the symmetric grid '{board.name}' is upside down in {', '.join(turned)}, where its "
                     "dots will be named the wrong way round; turn the camera (roll_deg), or use an asymmetric grid"
                 )
-        if len(pattern.tags):
+        if pattern.names:
             px = np.where(views.visible[:, here] == 1, views.diameter_px[:, here], 0).max(initial=0)
             cell_px = px / pattern.free_mm * float(np.diff(pattern.cells.x_mm).min())
             if 0 < cell_px < LEAST_CELL_PX:

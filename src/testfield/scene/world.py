@@ -10,7 +10,7 @@ from testfield.camera.optics import PINHOLE, Optics
 from testfield.camera.pose import Poses
 from testfield.scene import bend
 from testfield.scene.sunflower import sunflower
-from testfield.targets.board_pattern import Cells
+from testfield.targets.board_pattern import Cells, Discs
 from testfield.targets.field import Field
 from testfield.targets.marks import RADII, USUAL, RingRadii
 
@@ -108,10 +108,11 @@ class TrueMarks:
 
 @dataclass(frozen=True)
 class Print:
-    """Squares and tags on one `panel`: `cells` of its ink, in the panel's frame."""
+    """Squares and tags on one `panel`: `cells` of its ink, in the panel's frame, and `discs` of tags that are round."""
 
     panel: int
     cells: Cells
+    discs: Discs | None = None
 
 
 @dataclass(frozen=True)

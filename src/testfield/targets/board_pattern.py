@@ -52,6 +52,19 @@ class Cells:
 
 
 @dataclass(frozen=True)
+class Discs:
+    """A print of discs one within the other: `xy_mm` (n, 2), `radius_mm` (n,), `sign` (n,) 1 for ink, -1 for paper."""
+
+    xy_mm: np.ndarray
+    radius_mm: np.ndarray
+    sign: np.ndarray
+
+    def scaled(self, factor: float) -> "Discs":
+        """The same print, larger."""
+        return Discs(self.xy_mm * factor, self.radius_mm * factor, self.sign)
+
+
+@dataclass(frozen=True)
 class BoardKind:
     """What a kind of boards is: functions of a pattern, and how it is looked for.
 
@@ -63,7 +76,8 @@ class BoardKind:
     Corners are `crossing` where two edges cross, else they are a tag's own; they are looked for within
     `known_within_mm` of one that was read. Circles are `staggered` in an asymmetric grid. `shows_front` tells whether
     an image of the board tells it from its mirror image. `turned_tags` are printed turned by half against OpenCV's
-    print, and `corner_squares` touch the corners of all tags.
+    print, and `corner_squares` touch the corners of all tags. `discs` gives the print of round tags, whose centres are
+    their points; `cells` is then the paper that holds them.
 
     A kind that OpenCV's finders of tags, checkerboards and grids of circles do not find gives a finder of its own when
     it is registered: `read` (image (h, w), pattern) to a `detect.square_boards.Seen` or None, or `name` (centres
@@ -81,6 +95,7 @@ class BoardKind:
     shows_front: bool = True
     turned_tags: bool = False
     corner_squares: bool = False
+    discs: Callable[["BoardPattern"], Discs] | None = None
 
 
 @dataclass(frozen=True)
@@ -91,7 +106,7 @@ class BoardPattern:
     an asymmetric grid: half the distance within a row, and from row to row); `mark_mm` a tag's side or a circle's
     diameter, 0 on a checkerboard; `names` the OpenCV dictionary of the tags; `first_tag` the number of the first;
     `legacy`: a ChArUco board as OpenCV printed it before 4.6, black at the bottom left instead of the top left;
-    `border_cells` how many cells wide the black border of a tag is.
+    `border_cells` how many cells wide the black border of a tag is; `crowns` of a CCTag.
     """
 
     kind: str
@@ -103,6 +118,7 @@ class BoardPattern:
     first_tag: int = 0
     legacy: bool = False
     border_cells: int = 1
+    crowns: int = 0
 
     @property
     def of_kind(self) -> BoardKind:
@@ -140,6 +156,12 @@ class BoardPattern:
         if self.of_kind.cells is None:
             raise ValueError(f"a board of {self.kind} has no cells")
         return self.of_kind.cells(self)
+
+    @cached_property
+    def discs(self) -> Discs | None:
+        """The print of round tags, None for boards without."""
+        make = self.of_kind.discs
+        return None if make is None else make(self)
 
     @property
     def tag_middles_mm(self) -> np.ndarray:

@@ -31,6 +31,7 @@ class _PatternSheet(Sheet):
     first_tag: Count = 0
     legacy: bool = False
     border_cells: Annotated[int, pydantic.Field(ge=1, le=4)] = 1
+    crowns: Annotated[int, pydantic.Field(ge=0, le=4)] = 0
 
 
 class BoardSheet(Sheet):
