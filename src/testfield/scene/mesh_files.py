@@ -5,8 +5,9 @@ import re
 from pathlib import Path
 
 from testfield.errors import TestfieldError
+from testfield.scene.step_files import STEP, check_step
 
-FORMATS = (".stl", ".obj", ".ply", ".glb")
+FORMATS = (".stl", ".obj", ".ply", ".glb", *STEP)
 LARGEST_BYTES = 300_000_000
 """Of six million triangles in a binary STL; more than any scene can be lit with."""
 HEADER_BYTES = 20_000_000
@@ -20,7 +21,7 @@ def check_mesh_file(path: Path, where: str) -> None:
     it says that it holds more than its bytes can."""
     kind, size = path.suffix.lower(), path.stat().st_size
     if kind not in FORMATS:
-        known = ", ".join(name[1:].upper() for name in FORMATS)
+        known = ", ".join(name[1:].upper() for name in FORMATS if name != ".stp")
         raise TestfieldError(f"value '{path}': '{path.suffix}' is no format of meshes", where, f"give one of {known}")
     if size > LARGEST_BYTES:
         raise TestfieldError(
@@ -29,9 +30,11 @@ def check_mesh_file(path: Path, where: str) -> None:
             "give a coarser mesh",
         )
     with path.open("rb") as file:
-        begins = file.read(HEADER_BYTES if kind in (".glb", ".ply") else 16)
+        begins = file.read(HEADER_BYTES if kind in (".glb", ".ply") else 1000)
     if begins.startswith(ARCHIVES):
         raise TestfieldError(f"value '{path}': this is an archive", where, "unpack it and give the mesh itself")
+    if kind in STEP:
+        check_step(begins, path, where)
     counts = {".glb": _of_glb, ".ply": _of_ply}.get(kind, lambda _: [])(begins)
     if any(count > size for count in counts):
         raise TestfieldError(

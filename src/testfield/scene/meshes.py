@@ -1,5 +1,6 @@
 """Mesh files become bodies in the world, whatever their format and unit."""
 
+import io
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from testfield.scene.mesh_files import check_mesh_file
 from testfield.scene.named_files import named_file
 from testfield.scene.room_parts import MeshPart
 from testfield.scene.schema import SceneFile
+from testfield.scene.step_files import STEP, as_glb, states_unit
 from testfield.scene.world import TrueMesh
 
 MM = {"um": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4, "ft": 304.8}
@@ -31,8 +33,8 @@ def load_meshes(scene: SceneFile) -> tuple[TrueMesh, ...]:
 
 def unit_of(part: MeshPart) -> str:
     """The unit of a mesh's coordinates: what the scene says; else metres for glTF, which defines it (2.0, section 3.4),
-    and mm for formats without a unit."""
-    return part.unit or ("m" if Path(part.file).suffix.lower() in GLTF else "mm")
+    and for STEP, which is read as such; mm for formats without a unit."""
+    return part.unit or ("m" if Path(part.file).suffix.lower() in (*GLTF, *STEP) else "mm")
 
 
 def mesh_path(part: MeshPart, folder: Path) -> Path:
@@ -48,6 +50,8 @@ def copy_name(part: MeshPart) -> str:
 def _load(part: MeshPart, folder: Path, where: str, volume_mm: float) -> TrueMesh:
     path = mesh_path(part, folder)
     vertices, faces = _read(path, f"{where}.file")
+    if path.suffix.lower() in STEP:
+        _step_unit(part, path, where)
     unit = unit_of(part)
     vertices = vertices * MM[unit]
     size = float(np.linalg.norm(vertices.max(axis=0) - vertices.min(axis=0)))
@@ -61,6 +65,17 @@ def _load(part: MeshPart, folder: Path, where: str, volume_mm: float) -> TrueMes
     faces, closed = facing_outwards(vertices, faces)
     placed = vertices @ turned(part.rotation_deg).T + np.array(part.position_mm)
     return TrueMesh(part.name, placed, faces, part.albedo, closed)
+
+
+def _step_unit(part: MeshPart, path: Path, where: str) -> None:
+    if not states_unit(path):
+        raise TestfieldError(
+            f"value '{path}': the STEP file states no unit of length", f"{where}.file", "export it again"
+        )
+    if part.unit is not None:
+        raise TestfieldError(
+            f"value '{part.unit}': a STEP file states its unit itself", f"{where}.unit", "leave it out"
+        )
 
 
 def turned(rotation_deg: tuple[float, float, float]) -> np.ndarray:
@@ -79,15 +94,17 @@ def _read(path: Path, where: str) -> tuple[np.ndarray, np.ndarray]:
     if not path.is_file():
         raise TestfieldError(f"value '{path}': no such mesh file", where, "paths are relative to the scene file")
     check_mesh_file(path, where)
+    glb = as_glb(path, where) if path.suffix.lower() in STEP else None
     try:
-        loaded = trimesh.load_mesh(path, file_type=path.suffix[1:].lower(), process=False, skip_materials=True)
+        kind, source = path.suffix[1:].lower(), path if glb is None else io.BytesIO(glb)
+        loaded = trimesh.load_mesh(source, file_type=kind if glb is None else "glb", process=False, skip_materials=True)
         vertices, faces = np.asarray(loaded.vertices, float), np.asarray(loaded.faces, int)
     except Exception as error:  # each format's reader fails in ways of its own
         reason = " ".join(f"{type(error).__name__}: {error}".split())[:120]
         if isinstance(error, ImportError):  # a binary file that is cut short is taken for text in an unknown encoding
             reason = "it is damaged or cut short"
         raise TestfieldError(
-            f"value '{path}': not a readable mesh ({reason})", where, "give an STL, OBJ, PLY or GLB file"
+            f"value '{path}': not a readable mesh ({reason})", where, "give an STL, OBJ, PLY, GLB or STEP file"
         ) from error
     triangles = vertices.shape[1:] == (3,) and faces.shape[1:] == (3,)
     sound = triangles and np.isfinite(vertices).all() and faces.min(initial=0) >= 0

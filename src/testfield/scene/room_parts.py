@@ -134,10 +134,12 @@ class MeshPart(Part):
 
     name: Name = Field(description="Unique name.")
     file: str = Field(
-        min_length=1, max_length=1000, description="STL, OBJ, PLY or GLB file, relative to the scene file."
+        min_length=1, max_length=1000, description="STL, OBJ, PLY, GLB or STEP file, relative to the scene file."
     )
     unit: Literal["um", "mm", "cm", "m", "in", "ft"] | None = Field(
-        None, description="Unit of the file's coordinates; if not given, m for GLB, as glTF defines, and mm for others."
+        None,
+        description="Unit of the file's coordinates; if not given, m for GLB, as glTF defines, and mm for others. "
+        "A STEP file states its own.",
     )
     position_mm: Vector3 = Field((0, 0, 0), description="Where the origin of the file's coordinates is.")
     rotation_deg: Vector3 = Field(
