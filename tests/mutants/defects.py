@@ -777,7 +777,7 @@ BENCH = [
     Defect(
         "misread numbers are right", "count", "(asked & (number == view.code)).sum()", "(asked & hit).sum()", RECALL
     ),
-    Defect("false finds are not counted", "count", "int((measured & ~here).sum())", "0", RECALL),
+    Defect("false finds are not counted", "count", "int((good & ~here).sum())", "0", RECALL),
     Defect(
         "a share of clusters scatters like independent trials",
         "share_of_clusters",
