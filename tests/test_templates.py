@@ -4,20 +4,24 @@ import re
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
 from testfield.author.templates import described, templates, write_template
 from testfield.chain.run import Run, check_algorithms, examined
 from testfield.cli.main import main
+from testfield.cli.preview import seen
 from testfield.errors import TestfieldError
 from testfield.plan.card import card_of
 from testfield.plan.job import Job
 from testfield.plan.network import planned
 from testfield.plan.predict import predict
+from testfield.report.preview import COLOURS, SMALL_PX, draw_small
 from testfield.scene.document import load_document
 from testfield.scene.load import scene_from
 from testfield.score.scorecard import plain
 from testfield.store.ledger import Ledger
 
+SCENES = Path(__file__).parents[1] / "scenes"
 SAID = re.compile(r"u ([\d.]+) mm of a check target's coordinate \(rms, k = 1\), by `testfield plan`")
 
 
@@ -76,3 +80,22 @@ def test_templates_are_listed_with_what_they_expect(capsys: pytest.CaptureFixtur
     assert main(["list", "templates"]) == 0
     printed = capsys.readouterr().out
     assert all(name in printed for name in templates())
+
+
+def test_the_gallery_shows_every_template_with_the_accuracy_that_it_states() -> None:
+    page = (SCENES / "README.md").read_text()
+    for name, path in templates().items():
+        picture = SCENES / "gallery" / f"{name}.png"
+        assert picture.stat().st_size < 15_000
+        said = SAID.match(described(path)[1])
+        assert said is not None
+        assert f"(gallery/{name}.png)<br>`{name}`, {said[1]} mm" in page
+
+
+def test_a_small_picture_is_drawn_of_a_scene(tmp_path: Path) -> None:
+    run, view, _ = seen(Path(__file__).parent / "torture/tiny.toml")
+    draw_small(run.world, view, tmp_path / "small.png")
+    with Image.open(tmp_path / "small.png") as image:
+        assert image.size == SMALL_PX
+        assert 2 < len(image.getcolors() or []) <= COLOURS
+    assert main(["list", "boards", "--pictures", str(tmp_path)]) == 2

@@ -23,6 +23,9 @@ OVERLAP_MM = 10.0
 """Of the strip on which a neighbour is glued, where nobody says otherwise."""
 CAPTION_MM = 14.0
 """Of every page's lower margin, for the ruler and what the page is."""
+CLEAR_MM = 5.0
+"""From a cut to the ground that marks need, where there is room: pages that were glued badly leave strips of bare paper
+between them, and what is bright beside a mark draws its centre."""
 ROUNDING_MM = 1e-6
 """By so much a print may be larger than its room."""
 LEAST_CODES = 3
@@ -158,18 +161,17 @@ def _tiles(one: Print, paper_mm: np.ndarray, margin_mm: float, overlap_mm: float
 
 def _cuts(one: Print, axis: int, room_mm: float) -> np.ndarray:
     """Where the print is cut across an axis, its ends included: as few parts as fit, about equal, clear of marks."""
-    half = one.size_mm[axis] / 2
+    half = float(one.size_mm[axis]) / 2
     low, high = (one.marks.xy_mm[:, axis] + sign * one.reach_mm for sign in (-1, 1))
     for parts in range(int(np.ceil(2 * half / room_mm - 1e-9)), 2 * int(np.ceil(2 * half / room_mm)) + 2):
         cuts = [-half]
         for k in range(1, parts):
-            wanted = -half + 2 * half * k / parts
-            tried = np.concatenate([[wanted], low, high])
-            free = ~((tried[:, None] > low + 1e-9) & (tried[:, None] < high - 1e-9)).any(axis=1)
-            fits = (tried - cuts[-1] <= room_mm + 1e-9) & (tried > cuts[-1])
-            if not (free & fits).any():
+            last = cuts[-1] + room_mm
+            wanted = min(-half + 2 * half * k / parts, last)
+            tried = np.array([min(_kept_off(wanted, a, b), last) for a, b in _lanes(low, high, half) if a < last])
+            tried = tried[tried > cuts[-1]]
+            if not len(tried):
                 break
-            tried = tried[free & fits]
             cuts.append(float(tried[np.abs(tried - wanted).argmin()]))
         if len(cuts) == parts and half - cuts[-1] <= room_mm + 1e-9:
             return np.array([*cuts, half])
@@ -178,6 +180,22 @@ def _cuts(one: Print, axis: int, room_mm: float) -> np.ndarray:
         "--paper",
         "take larger paper, or leave lanes between the marks",
     )
+
+
+def _lanes(low: np.ndarray, high: np.ndarray, half: float) -> list[tuple[float, float]]:
+    """The intervals within -half and half that lie between all of those from `low` to `high`."""
+    lanes, begin = [], -half
+    for k in np.argsort(low):
+        if low[k] > begin + 1e-9:
+            lanes.append((begin, float(low[k])))
+        begin = max(begin, float(high[k]))
+    return lanes + [(begin, half)] if begin < half - 1e-9 else lanes
+
+
+def _kept_off(wanted: float, low: float, high: float) -> float:
+    """The place of a lane next to a wanted one, `CLEAR_MM` off its ends or, in a narrow one, in its middle."""
+    clear = min(CLEAR_MM, (high - low) / 2)
+    return float(np.clip(wanted, low + clear, high - clear))
 
 
 def _part(one: Print, low: np.ndarray, high: np.ndarray, name: str) -> Print:

@@ -1,6 +1,7 @@
 """`testfield list [WHAT]`: what can be chosen by name: scenes, templates, algorithms, boards, cameras, sensors."""
 
 import argparse
+from pathlib import Path
 from typing import Any
 
 from testfield.cli.show import add_load
@@ -25,6 +26,9 @@ def add(commands: Any) -> None:
     )
     p.add_argument("what", nargs="?", choices=KINDS, metavar="WHAT", help=f"one of {', '.join(KINDS)} (default: all)")
     p.add_argument("--json", action="store_true", help="print one JSON object")
+    p.add_argument(
+        "--pictures", type=Path, metavar="FOLDER", help="templates: write a small picture of each, NAME.png, there"
+    )
     add_load(p)
     p.set_defaults(act=act)
 
@@ -33,6 +37,8 @@ def act(args: argparse.Namespace) -> int:
     """Print name and first sentence of each; of a package that cannot be imported, why."""
     import json
 
+    if args.pictures is not None:
+        return _pictures(args)
     found = {kind: _rows(kind) for kind in ([args.what] if args.what else KINDS)}
     if args.json:
         print(json.dumps(found))
@@ -46,6 +52,29 @@ def act(args: argparse.Namespace) -> int:
             print(f"  {name:<{width}} {row['what']}")
             if "source" in row:
                 print(f"  {'':<{width}} {row['source']}")
+    return 0
+
+
+def _pictures(args: argparse.Namespace) -> int:
+    from tempfile import TemporaryDirectory
+
+    from testfield.author.templates import templates, write_template
+    from testfield.cli.preview import seen
+    from testfield.errors import TestfieldError
+    from testfield.report.preview import draw_small
+    from testfield.store.atomic import whole
+
+    if args.what != "templates":
+        raise TestfieldError("templates alone have pictures", "--pictures", "say `testfield list templates --pictures`")
+    args.pictures.mkdir(parents=True, exist_ok=True)
+    for name in templates():
+        with TemporaryDirectory(prefix="testfield-") as folder:
+            scene, *_ = write_template(name, name, Path(folder))
+            run, view, _ = seen(scene)
+        out = args.pictures / f"{name}.png"
+        with whole(out) as part:
+            draw_small(run.world, view, part)
+        print(out)
     return 0
 
 
