@@ -19,6 +19,7 @@ from testfield.detect.observations import MEASURED, Observations
 from testfield.detect.photograph import Found
 from testfield.detect.target_spec import TargetSpec
 from testfield.measure.certified import Length, certified_of, lengths_of
+from testfield.measure.moved import against_groups, in_settings
 from testfield.measure.patterns import Pattern, of_boards
 from testfield.reconstruct.points import Points
 from testfield.reconstruct.uncoded import match_dots
@@ -81,12 +82,19 @@ def measure(
     were `taken` by several, and what the two halves of the photographs say of their uncertainties. Where the boards
     `patterns` are the targets, they calibrate the cameras and nothing else is measured."""
 
+    moved: tuple[str, ...] = ()
+    if field.groups and taken is None and target.kind == "ring":
+        found, field, moved = in_settings(names, found, size_px, field, lens, hold, focal_px)
+
     def some(images: np.ndarray, focal_px: float | None, misfit: Misfit | None) -> Measurement:
         chosen = tuple(names[k] for k in images), [found[k] for k in images]
         own = taken.of(images) if taken else None
         return _measured(*chosen, size_px, field, target, lens, hold, focal_px, misfit, own, patterns)
 
     whole = some(np.arange(len(names)), focal_px, None)
+    if field.groups:
+        said = (*whole.calibration.notes, *moved, *against_groups(whole.points, field))
+        whole = replace(whole, calibration=replace(whole.calibration, notes=said))
     # Images of one rig at one place belong to the same half.
     places = [f"{c}@{p}" for c, p in zip(taken.camera, taken.place, strict=True)] if taken else list(names)
     if taken and taken.rigs:

@@ -22,6 +22,7 @@ from testfield.report.style import ACCENT, INK, WARM, figure, svg_of
 from testfield.store.atomic import whole
 from testfield.store.stamp import stamp
 from testfield.store.text import write_text
+from testfield.targets.field import TIME
 from testfield.targets.field_file import FieldFile
 
 PICTURE_WIDTH = 1240
@@ -48,7 +49,7 @@ def write_measurement(result: Measurement, field: FieldFile, folder: Path, image
         for k in range(len(points)):
             numbers = [f"{v:.5f}" for v in (*points.xyz_mm[k], *u[k])]
             table.writerow(
-                (point_name(int(points.code[k])), *numbers, points.rays[k], f"{points.residual_rms_px[k]:.4f}")
+                (spoken_point(int(points.code[k])), *numbers, points.rays[k], f"{points.residual_rms_px[k]:.4f}")
             )
     summary = stamp() | {
         "field": field.name,
@@ -78,6 +79,11 @@ def write_measurement(result: Measurement, field: FieldFile, folder: Path, image
     with whole(folder / "report.html") as path:
         write_text(path, _page(result, field, folder, images, u, summary))
     return summary
+
+
+def spoken_point(code: int) -> str:
+    """A point as a person calls it, on a moved board with its arrangement."""
+    return f"code {code % TIME} (arrangement {code // TIME + 1})" if code > TIME else point_name(code)
 
 
 def _several(calibration: Calibration) -> dict[str, Any]:
@@ -156,7 +162,7 @@ def _page(
     ]
     rows = [
         (
-            point_name(int(points.code[k])),
+            spoken_point(int(points.code[k])),
             *points.xyz_mm[k],
             *(1000 * u[k]),
             int(points.rays[k]),

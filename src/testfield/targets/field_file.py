@@ -66,6 +66,22 @@ class BoardPart(_Part):
         return self
 
 
+class RoughPlace(_Part):
+    """About where a code is."""
+
+    code: int = Field(ge=1)
+    xyz: Triple = Field(description="In the group's own frame and unit.")
+
+
+class GroupPart(_Part):
+    """Codes that move rigidly together, with approximate places in a frame and unit of their own, as `testfield field
+    new` proposes them. Nothing is certified: they say what belongs together, and are compared with what is measured."""
+
+    name: str = Field(min_length=1)
+    u: float = Field(gt=0, description="How well the places are known, in their own unit.")
+    points: tuple[RoughPlace, ...] = Field(min_length=1)
+
+
 class DistancePart(_Part):
     """A certified distance between two codes."""
 
@@ -149,6 +165,7 @@ class FieldFile(_Part):
     name: str = "field"
     target: TargetPart
     boards: tuple[BoardPart, ...] = Field((), max_length=1, description="At most one: a result has one frame.")
+    groups: tuple[GroupPart, ...] = Field((), max_length=1000, description="Boards of which places are known roughly.")
     distances: tuple[DistancePart, ...] = ()
     grid: GridPart | None = None
     patterns: tuple[PatternPart, ...] = Field((), max_length=100, description="Boards that calibrate the cameras.")
@@ -168,6 +185,10 @@ class FieldFile(_Part):
     def _whole(self) -> "FieldFile":
         if twice := _twice([distance.name for distance in self.distances]):
             raise ValueError(f"two distances are called '{twice[0]}': give each a name of its own")
+        if twice := _twice([group.name for group in self.groups]):
+            raise ValueError(f"two groups are called '{twice[0]}': give each a name of its own")
+        if twice := _twice([point.code for group in self.groups for point in group.points]):
+            raise ValueError(f"code {twice[0]} stands in the groups twice")
         if twice := _twice([camera.name for camera in self.cameras]):
             raise ValueError(f"two cameras are called '{twice[0]}': give each a name of its own")
         held = [name for rig in self.rigs for name in rig.cameras]

@@ -1,0 +1,151 @@
+"""`testfield field new IMAGE...`: a field file proposed from photographs of coded targets."""
+
+import argparse
+import os
+from pathlib import Path
+from typing import Any
+
+from testfield.cli.knobs import add_knobs, knobs_of
+from testfield.registry import names
+
+
+def add(commands: Any) -> None:
+    """Enter the command."""
+    p = commands.add_parser(
+        "field",
+        help="photographs of coded targets: a field file proposed from them, with pictures of all boards and numbers",
+        description="A field file for `testfield measure`, proposed from photographs.",
+    )
+    kinds = p.add_subparsers(dest="what", metavar="new", required=True)
+    p = kinds.add_parser(
+        "new",
+        help="propose a field file from what photographs show",
+        description="Photographs of ring codes by one camera. Codes that move rigidly together, or lie in one plane, "
+        "are proposed as boards, with approximate places; one distance between two codes is to be filled in.",
+    )
+    p.add_argument("images", type=Path, nargs="+", metavar="IMAGE", help="images, or folders of them")
+    p.add_argument(
+        "--target", default="ring14", metavar="KIND", help="ring codes: ring12, ring14 ... (default: ring14)"
+    )
+    p.add_argument("--radii", metavar="A:B:C", help="shape of the rings (default: 1:2:3)")
+    p.add_argument("--codes", metavar="TABLE", help="table of the rings' numbers: a file, or the name of a shipped one")
+    p.add_argument("--out", type=Path, metavar="FOLDER", help="where everything goes (default: renders/field)")
+    p.add_argument("--lens", choices=names("lenses"), default="brown", help="lens model")
+    p.add_argument("--hold", default="", metavar="NAMES", help="lens coefficients held at zero: k3,p1,p2")
+    p.add_argument("--focal-px", type=float, metavar="PX", help="a first guess of the focal length; not needed")
+    p.add_argument("--smallest-px", type=float, default=5.0, metavar="PX", help="least diameter of a dot (default: 5)")
+    add_knobs(p)
+    p.add_argument(
+        "--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes that detect (default: all cores)"
+    )
+    p.set_defaults(act=act)
+
+
+def act(args: argparse.Namespace) -> int:
+    """Detect, calibrate, group, write."""
+    from testfield.store.lock import only_writer
+    from testfield.store.threads import one_blas_thread
+
+    with only_writer(args.out or Path("renders/field")), one_blas_thread():
+        return _propose(args)
+
+
+def _propose(args: argparse.Namespace) -> int:
+    import shutil
+    import sys
+    from collections import Counter
+
+    from testfield.camera.interior import check_held
+    from testfield.camera.photograph import read_photograph
+    from testfield.cli.cameras import decoded_of, headers_of
+    from testfield.cli.detect import _images
+    from testfield.cli.measure import _detections
+    from testfield.detect.photograph import AUTO, ON_BLACK, ON_WHITE, detect_in_photograph
+    from testfield.detect.target_spec import parse_target
+    from testfield.errors import TestfieldError
+    from testfield.measure.kept_detections import Look
+    from testfield.measure.one_camera import check_one_camera, focal_of
+    from testfield.measure.proposed_field import field_text, propose
+    from testfield.report.proposed_field import draw_board, draw_photograph
+    from testfield.store.atomic import whole
+    from testfield.store.text import write_text
+    from testfield.targets.code_table import codes_for
+    from testfield.targets.field_file import load_field_file
+    from testfield.targets.marks import USUAL, ring_radii
+
+    target = parse_target(args.target, "--target")
+    if target.kind != "ring":
+        raise TestfieldError(
+            f"'{args.target}' has no numbers to be grouped",
+            "--target",
+            "name ring codes; a board says all by its print",
+        )
+    hold = tuple(name.strip() for name in args.hold.split(",") if name.strip())
+    check_held(hold, args.lens, "--hold")
+    radii = args.radii or USUAL
+    try:
+        ring_radii(radii)
+    except ValueError as error:
+        raise TestfieldError(str(error), "--radii", "give three ascending numbers, as 1:2:3") from error
+    if args.jobs < 1:
+        raise TestfieldError(f"value {args.jobs}", "--jobs", "give 1 or more")
+    codes = codes_for(args.codes, target.bits, "--codes", Path())
+    out = args.out or Path("renders/field")
+    paths = [path for folder in args.images for path in _images([folder])]
+    headers = headers_of([(path.parent, path) for path in paths], None)
+    check_one_camera(headers)
+    look = Look(
+        detect_in_photograph, (target, radii, AUTO, args.smallest_px, codes, knobs_of(args, args.smallest_px)), None
+    )
+    kept = _detections(paths, look, out / "detections", args.jobs, sys.stdout)
+    seen = [(path, one.found, one.size_px) for path, one in zip(paths, kept, strict=True) if one.found is not None]
+    if not seen:
+        raise TestfieldError("no image can be read", str(args.images[0]), "give photographs")
+    labels: list[str] = []
+    for path, _, _ in seen:
+        count = sum(name == path.stem or name.startswith(f"{path.stem}-") for name in labels)
+        labels.append(path.stem if path.stem not in labels else f"{path.stem}-{count + 1}")
+    found = [one for _, one, _ in seen]
+    sizes = [size for _, _, size in seen]
+    check_one_camera(decoded_of(labels, None, sizes))
+    size = Counter(sizes).most_common(1)[0][0]
+    proposal = propose(tuple(labels), found, size, args.lens, hold, args.focal_px or focal_of(headers))
+
+    said: dict[str, Any] = {"kind": args.target}
+    if radii != USUAL:
+        said["radii"] = radii
+    if args.codes:
+        table = Path(args.codes)
+        said["codes"] = str(table.resolve()) if table.is_file() else args.codes
+    ways = Counter(note for one in found for note in one.notes if note in (ON_BLACK, ON_WHITE))
+    if len(ways) == 1:
+        said["white_on_black"] = next(iter(ways)) == ON_BLACK
+    title = args.images[0].resolve().stem if args.images[0].is_dir() else args.images[0].resolve().parent.stem
+    file = out / "FIELD.toml"
+    text = field_text(proposal, said, title)
+    if file.is_file() and file.read_text(encoding="utf-8") != text:
+        shutil.copyfile(file, out / "FIELD.before.toml")  # somebody may have filled it in
+        print(f"the file that was there is kept as {out / 'FIELD.before.toml'}")
+    with whole(file) as part:
+        write_text(part, text)
+    load_field_file(file)  # what is proposed must be what `measure` accepts
+    for number, group in enumerate(proposal.groups):
+        name = group.name.replace(" ", "_")
+        draw_board(group, number, out / f"{name}.png", proposal.longest[:2])
+        bodies = f", moves with body {group.body + 1}" if proposal.arranged.moved else ""
+        print(f"{group.name}: {len(group.code)} codes{bodies}; picture {out / f'{name}.png'}")
+    most = max(range(len(found)), key=lambda k: len(found[k].numbers))
+    draw_photograph(read_photograph(seen[most][0]), found[most].observations, proposal, out / "photograph.png")
+    c = proposal.network.calibration
+    print(
+        f"images joined, of those given: {len(c.station_names)} of {len(labels)}; reprojection "
+        f"{c.reprojection_rms_px:.3f} px; photograph with all numbers: {out / 'photograph.png'}"
+    )
+    for note in proposal.notes:
+        print(f"note: {note}")
+    a, b, _ = proposal.longest
+    print(
+        f"{file} is written. Fill in one distance (as between codes {a} and {b}), then: "
+        f"testfield measure {' '.join(map(str, args.images))} --field {file}"
+    )
+    return 0
