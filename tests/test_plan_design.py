@@ -1,5 +1,6 @@
 """Stations are proposed where they gain most, goals are reached or refused, and the proposal is a scene that runs."""
 
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from conftest import IN_FULL
 from testfield.bench.plan import against_random, ratio_of, timed
 from testfield.cli.main import main
 from testfield.errors import TestfieldError
+from testfield.plan import design
 from testfield.plan.candidates import Candidates, candidates_of
 from testfield.plan.design import propose
 from testfield.plan.exposures import by_exposures, worth_of_stations
@@ -77,6 +79,34 @@ def test_a_goal_below_what_certificates_leave_names_them(choice: Choice) -> None
         propose(choice, Goal("u_length_mm", most=1e-4))
     assert "certificate" in str(refused.value)
     assert refused.value.where == "quick.toml, stations"
+
+
+def test_a_goal_is_out_of_reach_only_where_all_candidates_leave_more(
+    choice: Choice, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    floors = [2.0, 0.5]
+    monkeypatch.setattr(design, "MOST_STATIONS", 10)
+    monkeypatch.setattr(design, "floor_of", lambda plan, goal: (floors.pop(0), [("nothing", 0.0)]))
+    design._refuse_what_nothing_reaches(choice, Goal("u_rms_mm", 1.0))
+    assert not floors
+    floors += [2.0, 1.5]
+    with pytest.raises(TestfieldError, match="from all"):
+        design._refuse_what_nothing_reaches(choice, Goal("u_rms_mm", 1.0))
+
+
+def test_a_goal_that_is_reached_already_needs_no_station(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["plan", str(QUICK), "--goal", "u_length_mm=10"]) == 0
+    assert "no station is needed" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("own", ["[ # own ones\n  { position_mm = [0, 0, 0] },\n]", "[{ position_mm = [0, 0, 0] }]"])
+def test_stations_are_added_one_on_a_line(choice: Choice, own: str) -> None:
+    text = with_stations(f"stations = {own}\nseed = 1\n", choice.candidates, (0, 1, 2))
+    assert len(tomllib.loads(text)["stations"]) == 4
+    lines = text.splitlines()
+    assert sum("planned" in line for line in lines) == 3
+    assert all(line.count("planned") < 2 and line.strip() for line in lines)
+    assert ("# own ones" in text) == ("# own ones" in own)
 
 
 def test_a_goal_that_too_few_stations_reach_says_what_is_left(choice: Choice) -> None:

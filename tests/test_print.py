@@ -11,6 +11,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pypdf
 import pytest
 
 from testfield.author.drawn_dxf import as_dxf
@@ -126,6 +127,19 @@ def test_a_tiled_board_is_a_stitched_one_whose_pages_are_known_by_themselves(tmp
     assert np.abs(errors_mm(image, pages[1], printed)).max() < TRUE_TO_MM
 
 
+def test_a_page_called_as_a_board_is_is_refused() -> None:
+    sheet = sheet_of(ring_board(9, 9, 40.0), replace(ring_board(3, 3, 40.0), name="A 1"))
+    with pytest.raises(TestfieldError, match="another name"):
+        pages_of(sheet, {}, Paper(tile=True))
+
+
+def test_cuts_keep_off_the_marks_where_there_is_room() -> None:
+    pages, _ = pages_of(sheet_of(ring_board(9, 9, 40.0)), {"A": (360.0, 360.0)}, Paper(tile=True))
+    for page in pages:
+        room = page.print.size_mm / 2 - np.abs(page.print.marks.xy_mm) - page.print.reach_mm[:, None]
+        assert room.min() > 3
+
+
 def test_opencv_finds_a_printed_charuco_board_where_its_sheet_says(tmp_path: Path) -> None:
     pattern = BoardPattern("charuco", 6, 8, 28.0, 21.0, "DICT_5X5_100")
     board = NominalBoard(
@@ -145,7 +159,6 @@ def test_opencv_finds_a_printed_charuco_board_where_its_sheet_says(tmp_path: Pat
 def test_every_format_has_its_true_size() -> None:
     (page,), _ = pages_of(sheet_of(ring_board(3, 3, 50.0)), {}, Paper())
     import ezdxf
-    import pypdf
     from PIL import Image
 
     pdf = pypdf.PdfReader(io.BytesIO(as_pdf([page], CAPTION)))
@@ -286,11 +299,19 @@ def test_the_command_prints_a_scene_and_writes_over_nothing(tmp_path: Path, caps
     files = json.loads(capsys.readouterr().out)["files"]
     assert {Path(file).name for file in files} == {"field.json", "boards.pdf", "cards.pdf"}
     assert Field.load(out / "field.json").u_scale == 5e-4
+    on_paper = json.loads((out / "print.json").read_text())["sheet_on_paper"]
+    assert on_paper in pypdf.PdfReader(out / "boards.pdf").pages[0].extract_text()
     assert main(command) == 2
     assert "--force" in capsys.readouterr().err
     assert main([*command, "--force", "--scale-x", "1.001", "--scale-y", "1.001"]) == 2
     assert "--u-scale" in capsys.readouterr().err
     assert main([*command, "--force", "--scale-x", "1.001", "--scale-y", "1.001", "--u-scale", "2e-5"]) == 0
+    capsys.readouterr()
+    # What was measured is in the sheet, and the digest on the paper that is in hand is still that of the pages.
+    assert json.loads((out / "print.json").read_text())["sheet_on_paper"] == on_paper
+    assert Field.load(out / "field.json").u_scale == 2e-5
+    assert main([*command, "--force", "--formats", "svg"]) == 0
+    assert {file.suffix for file in out.iterdir()} == {".json", ".svg"}
     capsys.readouterr()
     assert main([*command, "--board", "charco", "--force"]) == 2
     assert main(["print", "quick", "--formats", "pfd", "--out", str(out)]) == 2

@@ -1,8 +1,11 @@
 """The files of a print: pages, drawings, and the field sheet that belongs to them."""
 
+import json
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
@@ -23,9 +26,12 @@ from testfield.author.prints import Print, card_of, prints_of
 from testfield.errors import TestfieldError
 from testfield.store.atomic import whole
 from testfield.store.digests import file_digest
+from testfield.store.text import read_text, write_text
 from testfield.targets.field import Field
 from testfield.targets.marks import Marks
 
+LIST = "print.json"
+"""In a print's folder: its files, and the digest on its pages."""
 FORMATS = ("pdf", "svg", "dxf", "png")
 OWN = "board"
 """The paper that is as large as what is printed on it."""
@@ -64,6 +70,14 @@ def pages_of(sheet: Field, sizes_mm: dict[str, tuple[float, float]], how: Paper)
         else:
             pages.append(one_page(one, paper(how.name), how.margin_mm))
     boards = tuple(page.print.board for page in pages if page.print.board is not None)
+    names = [board.name for board in boards]
+    for page in pages:
+        if names.count(page.print.name) > 1:
+            raise TestfieldError(
+                f"page {page.number} of board '{page.of}' is called '{page.print.name}', and a board is called so too",
+                "--tile",
+                "give one of the two boards another name",
+            )
     return pages, replace(sheet, boards=boards)
 
 
@@ -116,9 +130,14 @@ def write(
     how: Paper,
     formats: Sequence[str],
     day: str,
+    drawn: Field | None = None,
 ) -> list[Path]:
     """All files of a print, in the order in which somebody needs them; names, `day` and the field sheet's digest are on
-    every page."""
+    every page. What was written into the folder before and is no part of this print is removed.
+
+    `drawn` is the sheet as it was before anybody measured the print: its digest is on the paper that is in hand, and
+    stays there whatever is measured; absent, nobody has.
+    """
     for page in [*boards, *cards] if "png" in formats else []:
         if pixels(page, how.dpi) > MOST_PIXELS:
             raise TestfieldError(
@@ -131,7 +150,7 @@ def write(
     written = [folder / "field.json"]
     with whole(written[0]) as part:
         sheet.save(part)
-    digest = file_digest(written[0])[:12]
+    digest = _digest(drawn or sheet)
     caption = f"{name}   sheet {digest}   {day}   print at 100 %, never to fit the page"
 
     def put(file: str, content: bytes) -> None:
@@ -150,7 +169,30 @@ def write(
                 put(f"{stem}.png", as_png(page, caption, how.dpi))
             if "dxf" in formats:
                 put(f"{stem}.dxf", as_dxf(page.print))
+    _tidy(folder, [file.name for file in written], digest)
     return written
+
+
+def _digest(sheet: Field) -> str:
+    """The twelve digits that are printed on pages: of the field sheet's file."""
+    with TemporaryDirectory(prefix="testfield-") as folder:
+        file = Path(folder) / "field.json"
+        sheet.save(file)
+        return file_digest(file)[:12]
+
+
+def _tidy(folder: Path, names: list[str], digest: str) -> None:
+    """Note what a print consists of, and remove what the note of an earlier one has besides."""
+    note = folder / LIST
+    earlier: list[str] = []
+    if note.exists():
+        with suppress(ValueError, TypeError, AttributeError):  # a damaged note lists nothing that may be removed
+            earlier = [str(name) for name in json.loads(read_text(note)).get("files", [])]
+    for name in earlier:
+        if name not in names and Path(name).name == name and Path(name).suffix[1:] in FORMATS:
+            (folder / name).unlink(missing_ok=True)
+    with whole(note) as part:
+        write_text(part, json.dumps({"sheet_on_paper": digest, "files": names}, indent=1))
 
 
 def _together(placed: list[tuple[Print, np.ndarray]], paper_mm: np.ndarray, room: np.ndarray, sheet: Field) -> Page:

@@ -99,13 +99,15 @@ def _proposal(card: dict[str, Any]) -> list[str]:
     found = card.get("proposal")
     if not found:
         return []
+    if not found["stations"]:
+        asked = f", and {found['most']:g} was asked for" if found["most"] < float("inf") else ""
+        return [f"no station is needed: {found['goal']} is {found['value']:.4g} already{asked}"]
     steps = ", ".join(number(value, "none", "{:.4g}") for value in found["steps"])
     lines = [
         f"{len(found['stations'])} stations proposed of {found['candidates']} candidates; {found['goal']} with 0, 1, 2 "
         f"... of them: {steps}; after exchanges {found['value']:.4g}"
     ]
-    if found["stations"]:
-        lines.append(f"{'x, mm':>10} {'y, mm':>10} {'z, mm':>10}   looking at, mm                  roll, deg")
+    lines.append(f"{'x, mm':>10} {'y, mm':>10} {'z, mm':>10}   looking at, mm                  roll, deg")
     for one in found["stations"]:
         x, y, z = one["position_mm"]
         at = ", ".join(f"{v:.0f}" for v in one["look_at_mm"])

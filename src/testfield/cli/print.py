@@ -94,12 +94,12 @@ def act(args: argparse.Namespace) -> int:
     how = Paper(args.paper, args.margin, args.tile, args.overlap, args.dpi)
     pages, printed = pages_of(sheet, sizes, how)
     cards = cards_of(sheet, how)
-    printed = _as_measured(printed, args)
+    drawn, printed = printed, _as_measured(printed, args)
     out = args.out or Path("renders") / f"{name}-print"
     if (out / "field.json").exists() and not args.force:
         raise TestfieldError("a print is here already", str(out / "field.json"), "give --force, or another --out")
     day = datetime.date.today().isoformat()
-    files = write(out, name, pages, cards, printed, how, formats, day)
+    files = write(out, name, pages, cards, printed, how, formats, day, drawn)
     if args.json:
         print(json.dumps({"files": [str(file) for file in files], "pages": len(pages), "cards": len(cards)}))
         return 0

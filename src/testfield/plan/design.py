@@ -155,23 +155,28 @@ def exchanged(
 
 
 def _refuse_what_nothing_reaches(choice: Choice, goal: Goal) -> None:
-    """Raise where even perfect pixels from everywhere leave more than the goal: certificates decide then."""
+    """Raise where even perfect pixels from everywhere leave more than the goal: certificates decide then.
+
+    Where a part of many candidates reaches it, all do, so all are only asked where the part does not."""
     everything = list(range(choice.stations + len(choice.candidates)))
+    asked = [everything]
     if len(everything) > MOST_STATIONS:
         chosen = np.linspace(0, len(everything) - 1, MOST_STATIONS).astype(int)
-        everything = [everything[k] for k in np.unique([*range(choice.stations), *chosen])]
-    found = choice.predict(everything)
-    if found is None:
-        return
-    floor, shares = floor_of(found.planned, goal)
-    if floor > goal.most:
-        named = ", ".join(f"{name} {100 * share:.0f} %" for name, share in shares if share > 0.01)
-        raise TestfieldError(
-            f"no number of stations reaches {goal.name} = {goal.most:g}: with perfect pixels {floor:.4g} is left"
-            + (f" (exact, its square would fall by: {named})" if named else ""),
-            f"{choice.job.source}, stations",
-            f"better certificates, or ask for more than {floor:.3g}",
-        )
+        asked.insert(0, [everything[k] for k in np.unique([*range(choice.stations), *chosen])])
+    for stations in asked:
+        found = choice.predict(stations)
+        if found is None:
+            return
+        floor, shares = floor_of(found.planned, goal)
+        if floor <= goal.most:
+            return
+    named = ", ".join(f"{name} {100 * share:.0f} %" for name, share in shares if share > 0.01)
+    raise TestfieldError(
+        f"no number of stations reaches {goal.name} = {goal.most:g}: with perfect pixels from all {len(everything)} "
+        f"places {floor:.4g} is left" + (f" (exact, its square would fall by: {named})" if named else ""),
+        f"{choice.job.source}, stations",
+        f"better certificates, or ask for more than {floor:.3g}",
+    )
 
 
 def _not_reached(choice: Choice, goal: Goal, found: Prediction, added: int) -> TestfieldError:

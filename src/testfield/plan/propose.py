@@ -52,6 +52,7 @@ def with_stations(
     inline = isinstance(stations, tomlkit.items.Array)
     if alone:
         stations = document["stations"] = tomlkit.array() if inline else tomlkit.aot()
+    ends_on_a_line = inline and stations.as_string()[:-1].rstrip(" ").endswith("\n")
     for name, k in zip(_names(text, len(chosen)), chosen, strict=True):
         one: Any = tomlkit.inline_table() if inline else tomlkit.table()
         place = candidates.poses[k : k + 1].origin_mm[0]
@@ -59,7 +60,12 @@ def with_stations(
         one["position_mm"] = np.round(place, 1).tolist()
         one["look_at_mm"] = np.round(candidates.look_at_mm[k], 1).tolist()
         one["roll_deg"] = [float(candidates.roll_deg[k])]
-        stations.append(one)
+        if inline:
+            stations.add_line(one, indent="  ")  # each on a line of its own, however many there are
+        else:
+            stations.append(one)
+    if inline and chosen and not ends_on_a_line:
+        stations.add_line(indent="")
     if here.resolve() != there.resolve():
         if "include" in document:
             document["include"] = [os.path.relpath(here / str(name), there) for name in document["include"]]
