@@ -8,7 +8,6 @@ from typing import Any
 from testfield.cli.knobs import add_knobs, knobs_of
 from testfield.store.text import read_text
 
-OF_RUNS = ("jobs",)
 OF_PHOTOGRAPHS = ("radii", "codes", "polarity", "bayer", "smallest_px", "largest_px", "unclear", "lines", "out")
 OF_KINDS = {
     ("radii", "codes"): ("ring",),
@@ -55,7 +54,7 @@ def add(commands: Any) -> None:
     add_knobs(p)
     p.add_argument("--out", type=Path, metavar="FOLDER", help="where pictures and tables go (default: renders/detect)")
     p.add_argument("--json", action="store_true", help="print one JSON object")
-    p.add_argument("--jobs", type=int, metavar="N", help="of a run: processes at once")
+    p.add_argument("--jobs", type=int, metavar="N", help="processes at once (default: one a core)")
     p.set_defaults(act=act)
 
 
@@ -88,19 +87,17 @@ def _refuse(args: argparse.Namespace, what: str, options: tuple[str, ...]) -> No
 def _photographs(args: argparse.Namespace) -> int:
     import json
     import sys
-    from dataclasses import replace
 
-    from testfield.camera.mosaic import ORDERS
-    from testfield.camera.photograph import Photograph, read_photograph
-    from testfield.detect.photograph import AUTO, SMALLEST_PX, Found, detect_in_photograph
+    from testfield.cli.photographs import check_shown, images_in, seen_in
+    from testfield.detect.photograph import AUTO, SMALLEST_PX, detect_in_photograph
     from testfield.detect.target_spec import parse_target
     from testfield.errors import TestfieldError
-    from testfield.report.photograph import draw_found, write_found
+    from testfield.measure.kept_detections import Look
+    from testfield.report.photograph import write_found
     from testfield.targets.code_table import codes_for
     from testfield.targets.marks import USUAL, ring_radii, shape_name
 
     target = parse_target(args.target)
-    _refuse(args, f"photographs: {args.target}", OF_RUNS)
     for options, kinds in OF_KINDS.items():
         if target.kind not in kinds:
             _refuse(args, f"targets of the kind '{target.kind}'", options)
@@ -111,68 +108,19 @@ def _photographs(args: argparse.Namespace) -> int:
         raise TestfieldError(str(error), "--radii", "give the radii of dot, ring's inner and outer edge") from error
     codes = codes_for(args.codes, target.bits, "--codes")
     smallest_px = SMALLEST_PX if args.smallest_px is None else args.smallest_px
-    if args.bayer is not None and args.bayer not in ORDERS:
-        raise TestfieldError(
-            f"no Bayer order is called '{args.bayer}'", "--bayer", f"choose one of {', '.join(ORDERS)}"
-        )
-    if not 2 <= smallest_px <= 200:
-        raise TestfieldError(f"value {smallest_px}", "--smallest-px", "give 2 to 200")
+    jobs = args.jobs or os.cpu_count() or 1
+    check_shown(args.bayer, smallest_px, jobs)
     knobs = knobs_of(args, smallest_px)
     out = args.out or Path("renders/detect")
-    photographs: list[Photograph] = []
-    found: list[Found] = []
-    sizes: list[tuple[int, int]] = []
-    trouble = 0
     say = sys.stderr if args.json else sys.stdout
-    for path in _images(args.what):
-        try:
-            photograph = read_photograph(path, args.bayer)
-        except TestfieldError as error:
-            # The others are still worth looking at.
-            print(f"testfield: {error.sentence()}", file=sys.stderr)
-            trouble += 1
-            continue
-        taken = {p.name for p in photographs}
-        if photograph.name in taken:
-            count = next(k for k in range(2, len(taken) + 3) if f"{photograph.name}-{k}" not in taken)
-            photograph = replace(photograph, name=f"{photograph.name}-{count}")
-        one = detect_in_photograph(photograph, target, radii, polarity, smallest_px, codes, knobs)
-        refuse_over(args.what, out / f"{photograph.name}.png")
-        draw_found(photograph, one, out / f"{photograph.name}.png")
-        sizes.append((photograph.pixels.shape[1], photograph.pixels.shape[0]))
-        # Pixels are let go: a hundred photographs need not fit into memory.
-        photographs.append(replace(photograph, pixels=photograph.pixels[:1, :1]))
-        found.append(one)
-        print(f"{path.name}: {one.summary}", file=say)
-        print(f"  {'; '.join((*photograph.notes, *one.notes))}", file=say)
-    if photographs:
-        write_found(photographs, found, out, sizes, args.target)
+    look = Look(detect_in_photograph, (target, radii, polarity, smallest_px, codes, knobs), args.bayer)
+    seen = seen_in(images_in(args.what), look, out, jobs, say)
+    if seen.found:
+        write_found(seen.names, seen.notes, seen.found, out, seen.sizes_px, args.target)
+        for name, read, found in zip(seen.names, seen.notes, seen.found, strict=True):
+            if said := "; ".join((*read, *found.notes)):
+                print(f"{name}: {said}", file=say)
         print(f"pictures and tables in {out}", file=say)
         if args.json:
-            print(json.dumps(json.loads(read_text(out / "detection.json")) | {"unreadable": trouble}))
-    return 2 if trouble else 0
-
-
-def refuse_over(what: list[Path], target: Path) -> None:
-    """Raise `TestfieldError` where a picture would be written over one of the photographs."""
-    from testfield.errors import TestfieldError
-
-    if target.exists() and any(target.samefile(path) for path in _images(what) if path.exists()):
-        raise TestfieldError("this photograph would be written over", str(target), "choose another folder with --out")
-
-
-def _images(what: list[Path]) -> list[Path]:
-    """The files named, and those in the folders named, in order."""
-    from testfield.errors import TestfieldError
-
-    kinds = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".exr", ".pgm", ".webp", ".jp2"}
-    files: list[Path] = []
-    for path in what:
-        if path.is_dir():
-            inside = sorted(p for p in path.iterdir() if p.suffix.lower() in kinds)
-            if not inside:
-                raise TestfieldError("no image in this folder", str(path), "give images or a folder of them")
-            files += inside
-        else:
-            files.append(path)
-    return files
+            print(json.dumps(json.loads(read_text(out / "detection.json")) | {"unreadable": len(seen.unreadable)}))
+    return 2 if seen.unreadable else 0

@@ -2,15 +2,11 @@
 
 import argparse
 import os
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import Any
 
 from testfield.cli.knobs import add_knobs, knobs_of
 from testfield.cli.show import add_load, add_strict
-
-if TYPE_CHECKING:
-    from testfield.measure.kept_detections import Kept, Look
 
 
 def add(commands: Any) -> None:
@@ -85,13 +81,12 @@ def _measure(args: argparse.Namespace) -> int:
     from functools import partial
 
     from testfield.camera.interior import check_held
-    from testfield.camera.mosaic import ORDERS
     from testfield.cli.cameras import decoded_of, headers_of, owners_of, taken_of
-    from testfield.cli.detect import _images, refuse_over
+    from testfield.cli.photographs import Seen, check_shown, images_in, seen_in
     from testfield.cli.show import status_of
     from testfield.detect.photograph import AUTO, ON_BLACK, ON_WHITE, detect_in_photograph
     from testfield.errors import TestfieldError
-    from testfield.measure.kept_detections import Look, put_picture
+    from testfield.measure.kept_detections import Look
     from testfield.measure.observed import parse_size, read_observed
     from testfield.measure.one_camera import check_one_camera, focal_of, unlike_exif
     from testfield.measure.patterns import look_for
@@ -102,12 +97,7 @@ def _measure(args: argparse.Namespace) -> int:
     field, source, beside, target, patterns = _targets(args)
     hold = tuple(name.strip() for name in args.hold.split(",") if name.strip())
     check_held(hold, args.lens, "--hold")
-    if args.bayer is not None and args.bayer not in ORDERS:
-        raise TestfieldError(f"no Bayer order is called '{args.bayer}'", "--bayer", f"one of {', '.join(ORDERS)}")
-    if args.jobs < 1:
-        raise TestfieldError(f"value {args.jobs}", "--jobs", "give 1 or more")
-    if not 2 <= args.smallest_px <= 200:
-        raise TestfieldError(f"value {args.smallest_px}", "--smallest-px", "give 2 to 200")
+    check_shown(args.bayer, args.smallest_px, args.jobs)
     if args.focal_px is not None and not args.focal_px > 0:
         raise TestfieldError(f"value {args.focal_px}", "--focal-px", "give a focal length in pixels")
     codes = codes_for(field.target.codes, target.bits, f"{source}, target.codes", beside)
@@ -119,15 +109,13 @@ def _measure(args: argparse.Namespace) -> int:
     if args.observations is not None and (args.by_folder or args.rig or field.cameras):
         raise TestfieldError("observations do not say which camera took an image", "--observations", "give the images")
     owners = owners_of(args.images, field, source, args.lens, args.by_folder, args.rig) if args.images else None
-    names: list[str] = []
-    found, sizes, trouble, folders, places = [], [], [], [], []
-    files = [(folder, path) for folder in args.images for path in _images([folder])]
-    headers = headers_of(files, owners)
+    seen, places = Seen(), images_in(args.images)
+    headers = headers_of(places, owners)
     check_one_camera(headers)
     if args.observations is not None:
         size_px = parse_size(args.size_px, "--size-px") if args.size_px else None
         observed = read_observed(args.observations, target, patterns, size_px)
-        names, found, sizes = list(observed.names), observed.found, observed.sizes
+        seen = Seen(list(observed.names), found=observed.found, sizes_px=observed.sizes)
     knobs = knobs_of(args, args.smallest_px)
     look = Look(
         detect_in_photograph, (target, field.target.radii, polarity, args.smallest_px, codes, knobs), args.bayer
@@ -135,30 +123,18 @@ def _measure(args: argparse.Namespace) -> int:
     if patterns:
         boards = tuple((one.name, one.target) for one in patterns)
         look = Look(look_for, (boards, polarity, args.smallest_px, knobs), args.bayer)
-    kept = _detections([path for _, path in files], look, out / "detections", args.jobs, say)
-    for (folder, path), one in zip(files, kept, strict=True):
-        if one.found is None:
-            trouble.append(f"'{path.name}' cannot be read and is left out")
-            continue
-        name = owners.name_of(path.stem, folder) if owners else path.stem
-        if name in names:
-            count = next(k for k in range(2, len(names) + 3) if f"{name}-{k}" not in names)
-            name = f"{name}-{count}"
-        refuse_over(args.images, out / f"{name}.png")
-        put_picture(one, out / f"{name}.png")
-        names.append(name)
-        folders.append(folder)
-        places.append(path.stem)
-        found.append(one.found)
-        sizes.append(one.size_px)
-    if not found:
+    if places:
+        seen = seen_in(places, look, out, args.jobs, say, owners.name_of if owners else lambda stem, _: stem)
+    trouble = [f"'{path.name}' cannot be read and is left out" for path in seen.unreadable]
+    names, sizes = seen.names, seen.sizes_px
+    if not seen.found:
         raise TestfieldError("no image can be read", str((args.images or [args.observations])[0]), "give photographs")
-    taken = taken_of(owners, folders, places, sizes) if owners else None
+    taken = taken_of(owners, seen.given, seen.stems, sizes) if owners else None
     size = taken.cameras[0].size_px if taken else Counter(sizes).most_common(1)[0][0]
     # The files' headers need not tell what was decoded.
     check_one_camera(decoded_of(names, taken.camera if taken else None, sizes))
     told = None if taken else focal_of(headers)
-    measured = partial(measure, tuple(names), found, size, field, target, args.lens, hold, taken=taken)
+    measured = partial(measure, tuple(names), seen.found, size, field, target, args.lens, hold, taken=taken)
     try:
         result = measured(focal_px=args.focal_px or told, patterns=patterns)
     except TestfieldError:
@@ -178,27 +154,6 @@ def _measure(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps(summary))
     return status_of(summary["failures"], args.strict)
-
-
-def _detections(paths: Sequence[Path], look: "Look", folder: Path, jobs: int, say: TextIO) -> list["Kept"]:
-    """What is seen in photographs, a line each as it becomes known."""
-    import sys
-
-    from testfield.measure.kept_detections import detect_each
-    from testfield.report.photograph import draw_found
-
-    done = 0
-
-    def tell(number: int, kept: "Kept", before: bool) -> None:
-        nonlocal done
-        done += 1
-        if kept.found is None:
-            print(f"testfield: {kept.trouble}", file=sys.stderr, flush=True)
-            return
-        head = f"{done} of {len(paths)}, {paths[number].name}: "
-        print(f"{head}{kept.found.summary}{' (kept from before)' if before else ''}", file=say, flush=True)
-
-    return detect_each(paths, look, folder, draw_found, jobs, tell)
 
 
 def _targets(args: argparse.Namespace) -> tuple[Any, str, Path, Any, tuple]:

@@ -50,7 +50,7 @@ def _twin(args: argparse.Namespace, out: Path) -> int:
     from testfield.author.twin_compare import Measured, compared, reasons
     from testfield.camera.photograph import read_photograph
     from testfield.chain.complete import complete
-    from testfield.cli.detect import _images
+    from testfield.cli.photographs import images_in
     from testfield.cli.show import jobs_of
     from testfield.detect.target_spec import parse_target
     from testfield.errors import TestfieldError
@@ -69,7 +69,7 @@ def _twin(args: argparse.Namespace, out: Path) -> int:
     target = parse_target(field.target.kind, f"{source}, target.kind")
     say = sys.stderr if args.json else sys.stdout
     wanted, photographs = set(measured.observations.stations), []
-    for path in _images(list(job.images)):
+    for _, path in images_in(job.images):
         if path.stem in wanted:
             photographs.append(read_photograph(path, job.option("--bayer")))
     if not photographs:

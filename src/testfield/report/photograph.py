@@ -2,6 +2,7 @@
 
 import csv
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -35,36 +36,37 @@ COLUMNS = (
 
 
 def write_found(
-    photographs: list[Photograph],
-    found: list[Found],
+    names: Sequence[str],
+    read: Sequence[tuple[str, ...]],
+    found: Sequence[Found],
     folder: Path,
-    sizes_px: list[tuple[int, int]],
+    sizes_px: Sequence[tuple[int, int]],
     target: str,
 ) -> None:
-    """`observations.csv`, `observations.parquet` and `detection.json` of all photographs, whose sizes are `sizes_px`
-    (width, height), in which `target` was looked for."""
+    """`observations.csv`, `observations.parquet` and `detection.json` of all photographs by their `names`, with notes
+    on how each was `read`, their sizes (width, height), and the `target` that was looked for."""
     folder.mkdir(parents=True, exist_ok=True)
-    names = tuple(photograph.name for photograph in photographs)
     with whole(folder / "observations.csv") as path, path.open("w", newline="", encoding="utf-8") as file:
         table = csv.writer(file)
         table.writerow(COLUMNS)
         for name, one in zip(names, found, strict=True):
             table.writerows(_rows(name, one))
     with whole(folder / "observations.parquet") as path:
-        Observations.join([one.observations for one in found], names).save(path)
+        Observations.join([one.observations for one in found], tuple(names)).save(path)
     with whole(folder / "detection.json") as path:
         images = [
-            _summary(p, f) | {"size_px": list(size)} for p, f, size in zip(photographs, found, sizes_px, strict=True)
+            _summary(name, notes, one) | {"size_px": list(size)}
+            for name, notes, one, size in zip(names, read, found, sizes_px, strict=True)
         ]
         write_text(path, json.dumps(stamp() | {"target": target, "images": images}, indent=1))
 
 
-def _summary(photograph: Photograph, found: Found) -> dict:
+def _summary(name: str, read: tuple[str, ...], found: Found) -> dict:
     o = found.observations
     statuses, counts = np.unique(o.status.astype(str), return_counts=True)
     return {
-        "image": photograph.name,
-        "read": photograph.notes,
+        "image": name,
+        "read": read,
         "notes": found.notes,
         "measured": int((o.status == MEASURED).sum()),
         "codes": found.numbers.tolist(),
