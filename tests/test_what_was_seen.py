@@ -160,7 +160,6 @@ def test_a_grid_of_another_size_is_named() -> None:
         ("aruco:DICT_4X4_50", ["--white-on-black"]),
         ("checkerboard:7x5", ["--smallest-px", "5"]),
         ("circles:6x4", ["--radii", "1:2:3"]),
-        ("ring14", ["--jobs", "2"]),
     ],
 )
 def test_options_that_do_not_apply_are_refused(
