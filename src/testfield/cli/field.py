@@ -58,8 +58,7 @@ def _propose(args: argparse.Namespace) -> int:
     from testfield.camera.interior import check_held
     from testfield.camera.photograph import read_photograph
     from testfield.cli.cameras import decoded_of, headers_of
-    from testfield.cli.detect import _images
-    from testfield.cli.measure import _detections
+    from testfield.cli.photographs import check_shown, images_in, seen_in
     from testfield.detect.photograph import AUTO, ON_BLACK, ON_WHITE, detect_in_photograph
     from testfield.detect.target_spec import parse_target
     from testfield.errors import TestfieldError
@@ -87,26 +86,19 @@ def _propose(args: argparse.Namespace) -> int:
         ring_radii(radii)
     except ValueError as error:
         raise TestfieldError(str(error), "--radii", "give three ascending numbers, as 1:2:3") from error
-    if args.jobs < 1:
-        raise TestfieldError(f"value {args.jobs}", "--jobs", "give 1 or more")
+    check_shown(None, args.smallest_px, args.jobs)
     codes = codes_for(args.codes, target.bits, "--codes", Path())
     out = args.out or Path("renders/field")
-    paths = [path for folder in args.images for path in _images([folder])]
-    headers = headers_of([(path.parent, path) for path in paths], None)
+    places = images_in(args.images)
+    headers = headers_of(places, None)
     check_one_camera(headers)
     look = Look(
         detect_in_photograph, (target, radii, AUTO, args.smallest_px, codes, knobs_of(args, args.smallest_px)), None
     )
-    kept = _detections(paths, look, out / "detections", args.jobs, sys.stdout)
-    seen = [(path, one.found, one.size_px) for path, one in zip(paths, kept, strict=True) if one.found is not None]
-    if not seen:
+    seen = seen_in(places, look, out / "photographs", args.jobs, sys.stdout)
+    if not seen.found:
         raise TestfieldError("no image can be read", str(args.images[0]), "give photographs")
-    labels: list[str] = []
-    for path, _, _ in seen:
-        count = sum(name == path.stem or name.startswith(f"{path.stem}-") for name in labels)
-        labels.append(path.stem if path.stem not in labels else f"{path.stem}-{count + 1}")
-    found = [one for _, one, _ in seen]
-    sizes = [size for _, _, size in seen]
+    labels, found, sizes = seen.names, seen.found, seen.sizes_px
     check_one_camera(decoded_of(labels, None, sizes))
     size = Counter(sizes).most_common(1)[0][0]
     proposal = propose(tuple(labels), found, size, args.lens, hold, args.focal_px or focal_of(headers))
@@ -135,7 +127,7 @@ def _propose(args: argparse.Namespace) -> int:
         bodies = f", moves with body {group.body + 1}" if proposal.arranged.moved else ""
         print(f"{group.name}: {len(group.code)} codes{bodies}; picture {out / f'{name}.png'}")
     most = max(range(len(found)), key=lambda k: len(found[k].numbers))
-    draw_photograph(read_photograph(seen[most][0]), found[most].observations, proposal, out / "photograph.png")
+    draw_photograph(read_photograph(seen.files[most]), found[most].observations, proposal, out / "photograph.png")
     c = proposal.network.calibration
     print(
         f"images joined, of those given: {len(c.station_names)} of {len(labels)}; reprojection "

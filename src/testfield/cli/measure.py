@@ -129,7 +129,7 @@ def _measure(args: argparse.Namespace) -> int:
     names, sizes = seen.names, seen.sizes_px
     if not seen.found:
         raise TestfieldError("no image can be read", str((args.images or [args.observations])[0]), "give photographs")
-    taken = taken_of(owners, seen.given, seen.stems, sizes) if owners else None
+    taken = taken_of(owners, seen.given, [path.stem for path in seen.files], sizes) if owners else None
     size = taken.cameras[0].size_px if taken else Counter(sizes).most_common(1)[0][0]
     # The files' headers need not tell what was decoded.
     check_one_camera(decoded_of(names, taken.camera if taken else None, sizes))

@@ -15,13 +15,13 @@ KEPT = "detections"
 
 @dataclass
 class Seen:
-    """What is seen in photographs that could be read, in their order: their `names`, which differ, the folder that was
-    `given` for each and its `stem` there, what was `found`, sizes (width, height), and `notes` on reading each;
-    `unreadable` are files that could not be read."""
+    """What is seen in photographs that could be read, in their order: their `names`, which differ, what was `given` for
+    each and its file, what was `found`, sizes (width, height), and `notes` on reading each; `unreadable` are files that
+    could not be read."""
 
     names: list[str] = field(default_factory=list)
     given: list[Path] = field(default_factory=list)
-    stems: list[str] = field(default_factory=list)
+    files: list[Path] = field(default_factory=list)
     found: "list[Found]" = field(default_factory=list)
     sizes_px: list[tuple[int, int]] = field(default_factory=list)
     notes: list[tuple[str, ...]] = field(default_factory=list)
@@ -53,7 +53,7 @@ def seen_in(
         put_picture(one, out / f"{name}.png")
         seen.names.append(name)
         seen.given.append(folder)
-        seen.stems.append(path.stem)
+        seen.files.append(path)
         seen.found.append(one.found)
         seen.sizes_px.append(one.size_px)
         seen.notes.append(one.notes)
