@@ -24,6 +24,7 @@ from testfield.camera.images import Frame, SensorSheet
 from testfield.cli.main import main
 from testfield.cli.print import _as_measured
 from testfield.detect.detect import detect
+from testfield.detect.observations import MEASURED
 from testfield.errors import TestfieldError
 from testfield.targets.board_pattern import BoardPattern
 from testfield.targets.field import Field, NominalBoard
@@ -67,17 +68,21 @@ def rasterised(pdf: bytes, folder: Path, page: int = 0) -> np.ndarray:
     return image
 
 
-def errors_mm(image: np.ndarray, page: Page, sheet: Field) -> np.ndarray:
-    """(n, 2) where marks are found in a page's image less where the sheet says they are."""
+def frame_of(image: np.ndarray) -> Frame:
+    """A camera's image of a raster."""
     rows, columns = (size // SEEN * SEEN for size in image.shape)
     image = cv2.GaussianBlur(image.astype(np.float32), None, 0.6 * SEEN)
     seen = image[:rows, :columns].reshape(rows // SEEN, SEEN, columns // SEEN, SEEN).mean(axis=(1, 3))
     # White paper does not saturate a camera, and black ink is not without light.
     noise = np.random.default_rng(3).normal(0, 200, seen.shape)
-    frame = Frame(
+    return Frame(
         "page", np.rint(2000 + 200 * seen + noise).clip(0).astype(np.uint16), SensorSheet(40.0, 8000.0, 100, 16)
     )
-    found = detect(frame, sheet, "forward_model", 8.0)
+
+
+def errors_mm(image: np.ndarray, page: Page, sheet: Field) -> np.ndarray:
+    """(n, 2) where marks are found in a page's image less where the sheet says they are."""
+    found = detect(frame_of(image), sheet, "forward_model", 8.0)
     board = page.print.board
     assert board is not None
     index = [b.name for b in sheet.boards].index(board.name)
@@ -202,6 +207,17 @@ def test_cards_of_all_loose_targets_share_pages_and_none_covers_another() -> Non
         assert (np.abs(area) <= np.tile(page.print.size_mm / 2, 2) + 1e-6).all()
         apart = (area[:, None, 2:] <= area[None, :, :2]).any(axis=2)
         assert (apart | apart.T | np.eye(len(area), dtype=bool)).all()
+
+
+@pytest.mark.parametrize("white_on_black", [True, False])
+def test_cards_bear_their_numbers_and_are_read_as_such(tmp_path: Path, white_on_black: bool) -> None:
+    loose = {code: 14.0 for code in (7, 101, 444, 516)}
+    sheet = sheet_of(loose=loose, white_on_black=white_on_black)
+    pdf = as_pdf(cards_of(sheet, Paper()), CAPTION)
+    assert set(map(str, loose)) <= set(pypdf.PdfReader(io.BytesIO(pdf)).pages[0].extract_text().split())
+    found = detect(frame_of(rasterised(pdf, tmp_path)), sheet, "forward_model", 8.0)
+    assert sorted(found.code[found.code > 0]) == sorted(loose)
+    assert (found.status[found.code > 0] == MEASURED).all()
 
 
 def test_what_no_page_holds_and_what_no_printer_draws_is_refused() -> None:

@@ -18,6 +18,11 @@ RULER_MM = (100, 50, 20, 10)
 ARC_RAD = np.pi / 16
 """Arcs are cubic curves over so much at most, which keep to the circle within 1e-8 of its radius."""
 MOST_PIXELS = 250e6
+NUMBER_HIGH, NUMBER_WIDE, NUMBER_OFF = 0.14, 0.3, 0.03
+"""Of a card's number, in half its side: most height of the font, most width, and from the edges. It lies outside of the
+circle that touches the sides, because (1 - 0.33)^2 + (1 - 0.17)^2 is more than 1."""
+DIGIT_WIDE = 0.65
+"""Width of a digit over the size of the font."""
 FAINT = "#8a8a8a"
 
 
@@ -92,6 +97,8 @@ def _figure(page: Page, caption: str) -> Any:
                 Rectangle((left, bottom), right - left, top - bottom, facecolor="black", linewidth=0, snap=False)
             )
         _crop_marks(axes, np.array([left, bottom]), np.array([right, top]), page.print.cards is not None)
+    if page.print.cards is not None:
+        _numbers(axes, page, middle)
     vertices, codes = _outlines(page.print)
     if len(vertices):
         path = Path(vertices + middle, codes)
@@ -168,6 +175,21 @@ def _crop_marks(axes: Any, low: np.ndarray, high: np.ndarray, near: bool) -> Non
             upright = [x, x], [y + outward_y * off, y + outward_y * (off + long)]
             for ends in (along, upright):
                 axes.plot(*ends, color="black", linewidth=0.3, clip_on=False)
+
+
+def _numbers(axes: Any, page: Page, middle: np.ndarray) -> None:
+    """Each card's code in its lower left corner, outside of the circle that the ring needs free."""
+    for (left, bottom, right, _), code in zip(page.print.areas_mm, page.print.marks.code, strict=True):
+        half = (right - left) / 2
+        size_mm = min(NUMBER_HIGH * half, NUMBER_WIDE * half / (DIGIT_WIDE * len(str(code))))
+        axes.text(
+            left + middle[0] + NUMBER_OFF * half,
+            bottom + middle[1] + NUMBER_OFF * half,
+            str(code),
+            fontsize=size_mm * 72 / 25.4,
+            color=FAINT,
+            va="baseline",
+        )
 
 
 def _captions(axes: Any, page: Page, low: np.ndarray, caption: str) -> None:
