@@ -186,9 +186,13 @@ def test_planes_of_two_walls_are_two_boards_and_noise_is_none() -> None:
     x, y = np.meshgrid(np.arange(6) * 200.0, np.arange(5) * 200.0)
     flat = np.column_stack([x.ravel(), y.ravel()]) + rng.uniform(-60, 60, (30, 2))
     a, b = np.column_stack([flat, np.zeros(30)]), np.column_stack([np.full(30, 1250.0), flat])
-    plane = planes(np.vstack([a, b]), np.full(60, 2.0))
+    plane = planes(np.vstack([a, b]), np.full(60, 2.0), np.full(60, 0.1))
     assert len(set(plane[:30])) == 1 and len(set(plane[30:])) == 1 and plane[0] != plane[-1]
-    cloud = planes(rng.uniform(0, 1000, (30, 3)), np.full(30, 1.0))
+    # A third board that the second's plane runs through keeps its codes.
+    through = np.column_stack([1248 + 0.2 * flat[:, 0], 1150 + flat[:, 1], 300 - flat[:, 0] * 0.5])
+    crossed = planes(np.vstack([b, through]), np.full(60, 2.0), np.full(60, 0.1))
+    assert len(set(crossed[:30])) == 1 and (crossed[30:] != crossed[0]).all()
+    cloud = planes(rng.uniform(0, 1000, (30, 3)), np.full(30, 1.0), np.full(30, 0.1))
     assert (cloud < 0).all()
 
 

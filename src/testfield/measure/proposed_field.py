@@ -27,8 +27,13 @@ FLAT = 0.004
 """Distance from a plane, in the extent of all codes, within which a code lies in it; or `FLAT_U` claimed standard
 uncertainties, where that is more."""
 FLAT_U = 4.0
+FLATTER = 0.0002
+"""The same of points whose board is flatter than that: those off the plane of the others by more than `OFF` of the
+others' standard deviations, and this, belong to something that the plane runs through."""
+OFF = 4.0
 GAP = 3.5
 """Gap in a board, in the median distance of its codes from their nearest neighbours."""
+OTHERS = "others"
 IN_ROWS = 0.5
 """Alignment of nearest neighbours, 1 being a square grid's, from which a board's axes run along its rows."""
 TRIALS = 600
@@ -94,7 +99,8 @@ def propose(
             f"{', '.join(map(str, lost[:20]))}"
         )
     notes += [note for note in network.calibration.notes if "scale" not in note]
-    largest = max(groups, key=lambda group: float(pdist(group.xyz).max(initial=0)))
+    flat = [group for group in groups if not group.name.startswith(OTHERS)]
+    largest = max(flat or groups, key=lambda group: float(pdist(group.xyz).max(initial=0)))
     apart = squareform(pdist(largest.xyz))
     a, b = np.unravel_index(int(apart.argmax()), apart.shape)
     longest = (int(largest.code[a]), int(largest.code[b]), float(apart[a, b]))
@@ -110,7 +116,7 @@ def _groups(network: FreeNetwork, seen: Arranged) -> tuple[Group, ...]:
         code, xyz, own_u = _of_body(network, [c for c, b in seen.body.items() if b == body], u)
         if not len(code):
             continue
-        plane = planes(xyz, np.maximum(FLAT * extent, FLAT_U * own_u))
+        plane = planes(xyz, np.maximum(FLAT * extent, FLAT_U * own_u), np.maximum(FLATTER * extent, FLAT_U * own_u))
         for number in sorted(set(plane.tolist()), key=lambda p: (p < 0, p)):
             here = plane == number
             parts.append((body, number, code[here], xyz[here], float(np.median(own_u[here]))))
@@ -120,7 +126,7 @@ def _groups(network: FreeNetwork, seen: Arranged) -> tuple[Group, ...]:
     for k, (body, number, code, xyz, typical_u) in enumerate(parts):
         local, flat = _own_frame(xyz, cameras)
         reach = float(pdist(local).max(initial=0)) or extent
-        name = f"board {k + 1}" if number >= 0 else (f"others {body + 1}" if seen.moved else "others")
+        name = f"board {k + 1}" if number >= 0 else (f"{OTHERS} {body + 1}" if seen.moved else OTHERS)
         groups.append(Group(name, code, local, max(GENEROUS * reach, 5 * typical_u), flat, body))
     return tuple(groups)
 
@@ -149,14 +155,15 @@ def _of_body(network: FreeNetwork, codes: Sequence[int], u: np.ndarray) -> tuple
     return code[order], xyz[order], own_u[order]
 
 
-def planes(xyz: np.ndarray, near: np.ndarray) -> np.ndarray:
-    """(n,) which plane each point (n, 3) lies in within `near` (n,), -1 for none. The largest plane comes first; two
-    boards in one plane are two where a gap is between them."""
+def planes(xyz: np.ndarray, near: np.ndarray, least: np.ndarray) -> np.ndarray:
+    """(n,) which plane each point (n, 3) lies in within `near` (n,), -1 for none; no nearer than `least` (n,) is asked
+    of any. The largest plane comes first; two boards in one plane are two where a gap is between them."""
     answer = np.full(len(xyz), -1)
     left, number = np.arange(len(xyz)), 0
     rng = seeds.generator(0, "planes of a proposed field")
     while len(left) >= LEAST_PLANE:
         mine = left[_largest_plane(xyz[left], near[left], rng)]
+        mine = mine[_as_flat_as_most(xyz[mine], least[mine], rng)] if len(mine) >= LEAST_PLANE else mine
         if len(mine) < LEAST_PLANE:
             break
         answer[mine] = number
@@ -185,6 +192,22 @@ def _largest_plane(xyz: np.ndarray, near: np.ndarray, rng: np.random.Generator) 
             fitted = _connected(xyz, best_of_fit)
             best = fitted if len(fitted) > len(best) else best
     return best
+
+
+def _as_flat_as_most(xyz: np.ndarray, least: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Which points lie in the plane of the others as well as these do (least median of squares, Rousseeuw 1984)."""
+    best, median = np.zeros(len(xyz)), np.inf
+    for _ in range(TRIALS):
+        a, b, c = xyz[rng.choice(len(xyz), 3, replace=False)]
+        normal = np.cross(b - a, c - a)
+        length = float(np.linalg.norm(normal))
+        if length < 1e-9:
+            continue
+        off = np.abs((xyz - a) @ normal) / length
+        if np.median(off) < median:
+            best, median = off, float(np.median(off))
+    sigma = 1.4826 * (1 + 5 / max(len(xyz) - 3, 1)) * median
+    return np.asarray(best < np.maximum(OFF * sigma, least))
 
 
 def _plane_of(xyz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -221,7 +244,10 @@ def _own_frame(xyz: np.ndarray, cameras: np.ndarray) -> tuple[np.ndarray, float]
 def _grid_turn(xy: np.ndarray) -> float:
     """The angle, at most an eighth of a turn, at which points (n, 2) lie in rows and columns; 0 where they do not."""
     step = xy[cKDTree(xy).query(xy, 2)[1][:, 1]] - xy
-    mean = np.exp(4j * np.arctan2(step[:, 1], step[:, 0])).mean()
+    each = np.exp(4j * np.arctan2(step[:, 1], step[:, 0]))
+    mean = each.mean()
+    along = np.abs(np.angle(each / mean)) < np.radians(40)  # of a quarter turn that is 10 degrees
+    mean = each[along].sum() / len(each)
     return float(np.angle(mean) / 4) if abs(mean) > IN_ROWS else 0.0
 
 
