@@ -17,6 +17,8 @@ from testfield.calibrate.ties import point_name
 from testfield.detect.observations import MEASURED
 from testfield.measure.photographs import Measurement
 from testfield.report import figures
+from testfield.report.measured_figures import coverage, residual_vectors, smooth_part
+from testfield.report.measured_parts import boards_of, residual_rows, stations_of, unused_of
 from testfield.report.pages import page
 from testfield.report.style import ACCENT, INK, WARM, figure, svg_of
 from testfield.store.atomic import whole
@@ -154,12 +156,7 @@ def _page(
     cameras = [
         _camera_part(name, of_camera(c, k)) for k, name in enumerate(c.camera_names if c.more_cameras else ("",))
     ]
-    places = c.stations.origin_mm
-    stations = [
-        (name, *places[k], int((c_index == k).sum()))
-        for c_index in [_station_of(result)]
-        for k, name in enumerate(c.station_names)
-    ]
+    used = residual_rows(result)
     rows = [
         (
             spoken_point(int(points.code[k])),
@@ -182,10 +179,13 @@ def _page(
         plan=_svg(point_plan(result)) if len(points) else None,
         cameras=cameras,
         rigs=summary.get("rigs"),
-        stations=stations,
-        points=rows,
+        stations=stations_of(result, used),
+        boards=boards_of(result, field, used),
+        unused=unused_of(result, used, folder),
+        verdict=verdict_of(result),
         counts=sorted(zip(statuses.tolist(), counts.tolist(), strict=True), key=lambda row: -row[1]),
         rejected=c.rejected,
+        points=rows,
         images=images,
         failures=c.failures,
         groups=lossy(c.rejections),
@@ -200,15 +200,44 @@ def _camera_part(name: str, c: Calibration) -> dict[str, Any]:
         (name, ("{:.3f}" if k < 4 else "{:.6g}").format(c.interior.parameters[k]), u.get(name))
         for k, name in enumerate(c.interior.without_modes.names)
     ]
-    return {"name": name, "interior": rows, "residuals": _svg(figures.residual_map(c))}
+    covered, parts = coverage(c)
+    smooth, left = smooth_part(c)
+    return {
+        "name": name,
+        "interior": rows,
+        "coverage": _svg(covered),
+        "covered": parts,
+        "residuals": _svg(residual_vectors(c)),
+        "smooth": _svg(smooth),
+        "left": left,
+    }
 
 
-def _station_of(result: Measurement) -> np.ndarray:
-    """For each observation that belongs to a point, its place among the joined stations."""
-    o = result.observations
-    place = {name: k for k, name in enumerate(result.calibration.station_names)}
-    number = np.array([place.get(name, -1) for name in o.stations], int)
-    return number[o.station[o.point >= 0]]
+def verdict_of(result: Measurement) -> list[str]:
+    """What a reader must know first, in sentences."""
+    c, points = result.calibration, result.points
+    said = [
+        f"{len(c.station_names)} of {len(result.observations.stations)} photographs joined; {c.used} observations fit "
+        f"to {c.reprojection_rms_px:.3f} px rms, {c.sigma0:.2f} times what detection claims."
+    ]
+    if len(points):
+        u = np.sqrt(np.diag(points.cov_xyz_mm2))
+        unit = "units of an arbitrary scale" if "ARBITRARY" in result.datum else "mm"
+        said.append(
+            f"{len(points)} points, a coordinate's standard uncertainty {np.sqrt((u**2).mean()):.3g} {unit} rms."
+        )
+    else:
+        said.append(f"The focal length is {', '.join(f'{interior.fx:.2f}' for interior in c.interiors)} px.")
+    checks = [length for length in result.lengths if length.role == "check" and length.en is not None]
+    if checks:
+        worst = max(checks, key=lambda one: abs(one.en or 0))
+        said.append(
+            f"Of {len(checks)} check distance{'s' if len(checks) > 1 else ''} the worst is "
+            f"{worst.measured_mm - worst.certified_mm:+.4f} mm off (E_n {worst.en:+.2f})."
+        )
+    elif len(points):
+        said.append("No check distance tells whether the scale and its uncertainty are true.")
+    return said
 
 
 def point_plan(result: Measurement) -> bytes:
