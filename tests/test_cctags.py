@@ -103,6 +103,63 @@ def test_other_circles_have_no_number() -> None:
         assert len(seen(image.astype(np.float32), crowns).observations) == 0
 
 
+def _painted(circles: list[tuple[int, int, np.ndarray]]) -> np.ndarray:
+    """(h, w) an image of discs one within the other, black and white in turn, radii in px."""
+    x, y = ((np.arange(3 * n) + 0.5) / 3 - 0.5 for n in (WIDTH, HEIGHT))
+    fine = np.full((len(y), len(x)), 200.0)
+    for middle_x, middle_y, radii in circles:
+        rho = np.hypot(x - middle_x, y[:, None] - middle_y)
+        for k, radius in enumerate(radii):
+            fine[rho < radius] = 200.0 if k % 2 else 30.0
+    sharp = fine.reshape(HEIGHT, 3, WIDTH, 3).mean(axis=(1, 3))
+    return cv2.GaussianBlur(sharp, (0, 0), 0.7)
+
+
+@pytest.mark.parametrize("crowns", [3, 4])
+def test_edges_a_little_beside_those_of_a_tag_are_no_tag(crowns: int) -> None:
+    """The rings of a tag with one edge in the middle of two that a table knows, or one crown too many or too few."""
+    rng, table = np.random.default_rng(crowns), crown_radii(crowns)
+    circles = []
+    for k, (x, y) in enumerate((x, y) for x in (70, 200, 330) for y in (80, 230)):
+        radii = table[rng.integers(len(table))].copy()
+        if k % 3 == 0:
+            radii[1 + k % (len(radii) - 1)] += 0.025
+        elif k % 3 == 1:
+            radii = radii[:-2]
+        else:
+            radii = np.append(radii, [0.6 * radii[-1], 0.3 * radii[-1]])
+        circles.append((x, y, 44 * radii))
+    image = (_painted(circles) + rng.normal(0, 2, (HEIGHT, WIDTH))).round().astype(np.float32)
+    assert len(seen(image, crowns).observations) == 0
+
+
+def test_a_tag_that_is_cut_or_hidden_in_part_has_its_own_number_or_none() -> None:
+    pattern, H = BoardPattern("cctag", 2, 2, 92.0, 80.0, first_tag=9, crowns=3), homography(25, 0.95)
+    image, true = drawn(pattern, H, 2.0), cv2.perspectiveTransform(pattern.points_mm[None], H)[0]
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    hidden = image.copy()
+    for k, (level, part) in enumerate([(30, 0.03), (120, 0.1), (200, 0.3), (120, 0.01)]):
+        hidden[((x - true[k, 0]) > 38 * (1 - 2 * part)) & (np.abs(y - true[k, 1]) < 45) & (x < true[k, 0] + 42)] = level
+    top = int(true[:, 1].min()) - 20
+    for shown in (hidden, np.ascontiguousarray(image[top:])):
+        found = seen(shown, 3).observations
+        at = true - [0, top if shown is not hidden else 0]
+        nearest = np.linalg.norm(found.xy_px[:, None] - at, axis=2).argmin(axis=1)
+        assert (found.code == pattern.tags[nearest]).all()
+        assert np.abs(found.xy_px - at[nearest]).max(initial=0) < 0.1
+
+
+@pytest.mark.parametrize("crowns", [3, 4])
+def test_tags_in_a_jpeg_of_quality_70_are_named_and_measured(crowns: int) -> None:
+    pattern, H = BoardPattern("cctag", 4, 3, 92.0, 80.0, first_tag=12, crowns=crowns), homography(25, 0.95)
+    done, bytes_ = cv2.imencode(".jpg", drawn(pattern, H, 2.0).astype(np.uint8), [cv2.IMWRITE_JPEG_QUALITY, 70])
+    assert done
+    found = seen(cv2.imdecode(bytes_, cv2.IMREAD_GRAYSCALE).astype(np.float32), crowns).observations
+    assert sorted(found.code) == pattern.tags.tolist()
+    true = cv2.perspectiveTransform(pattern.points_mm[None], H)[0][found.code - 12]
+    assert np.abs(found.xy_px - true).max() < 0.03
+
+
 def test_a_tag_of_four_crowns_is_none_of_three() -> None:
     pattern = BoardPattern("cctag", 3, 2, 90.0, 70.0, crowns=4)
     image = drawn(pattern, homography(20, 1.1), 2.0)

@@ -97,3 +97,23 @@ def test_all_circles_of_a_kept_photograph_are_found_in_their_places() -> None:
     here = found.place[:, 0] >= 0
     assert here.sum() == 80
     assert {tuple(place) for place in found.place[here].tolist()} == {(c, r) for c in range(10) for r in range(8)}
+
+
+def test_numbers_of_12_14_and_20_bits_are_those_of_micmac() -> None:
+    """Its tables of targets "CERN" (micmacIGN/micmac, MMVII/MMVII-RessourceDir/CodeCircTaget, Nbit_lookup.txt):
+    number and smallest rotation, ascending."""
+    assert [len(code_words(bits)) for bits in (12, 14, 20)] == [147, 516, 24793]
+    assert [code_words(12)[k - 1] for k in (1, 2, 40, 82, 110, 132, 143, 147)] == [
+        65,
+        71,
+        277,
+        585,
+        821,
+        1365,
+        1755,
+        2015,
+    ]
+    of_14 = {1: 129, 33: 263, 100: 669, 174: 1097, 254: 1589, 334: 2343, 419: 3279, 485: 5463, 509: 7023, 516: 8127}
+    assert {number: int(code_words(14)[number - 1]) for number in of_14} == of_14
+    of_20 = {1: 1025, 100: 1421, 257: 2055, 640: 4117, 767: 5129, 1000: 6071, 24777: 489343, 24793: 523775}
+    assert {number: int(code_words(20)[number - 1]) for number in of_20} == of_20

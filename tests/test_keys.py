@@ -120,6 +120,10 @@ pattern = { kind = "aprilgrid", columns = 4, rows = 3, marker_mm = 60, gap_mm = 
 name = "cctag"
 position_mm = [2900, 250, 1560]
 pattern = { kind = "cctag", columns = 4, rows = 3, pitch_mm = 100, diameter_mm = 70, crowns = 4, first_tag = 5 }
+[[boards]]
+name = "runetag"
+position_mm = [3900, 250, 1560]
+pattern = { kind = "runetag", diameter_mm = 300, number = 8 }
 [certified_poses]
 u_position_mm = 0.1
 u_rotation_deg = 0.01
@@ -404,6 +408,8 @@ TABLE: dict[str, list[Change]] = {
         ("boards.8.pattern.diameter_mm", 71, ALL),
         ("boards.8.pattern.crowns", 3, ALL),
         ("boards.8.pattern.first_tag", 6, ALL),
+        ("boards.9.pattern.diameter_mm", 310, ALL),
+        ("boards.9.pattern.number", 10, ALL),
         ("u_print_scale_ppm", 30, ALL),
         ("certified_poses.u_position_mm", 0.2, SHEET),
         ("certified_poses.u_rotation_deg", 0.02, SHEET),

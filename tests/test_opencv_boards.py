@@ -73,6 +73,7 @@ ARUCO = 'kind = "aruco", columns = 4, rows = 3, marker_mm = 54, gap_mm = 18, fir
 APRILTAG = 'kind = "apriltag", columns = 4, rows = 3, marker_mm = 58, gap_mm = 18'
 APRILGRID = 'kind = "aprilgrid", columns = 4, rows = 3, marker_mm = 54, gap_mm = 16.2'
 CCTAG = 'kind = "cctag", columns = 4, rows = 3, pitch_mm = 74, diameter_mm = 58, first_tag = 7'
+RUNETAG = 'kind = "runetag", diameter_mm = 190, number = 4711'
 CIRCLES = 'kind = "circles", columns = 9, rows = 6, pitch_mm = 32, diameter_mm = 16'
 ASYMMETRIC = 'kind = "acircles", columns = 4, rows = 9, pitch_mm = 24, diameter_mm = 18'
 
@@ -222,6 +223,17 @@ def test_every_point_of_every_board_is_named_and_known_as_well_as_claimed(patter
     # Some hundred points of two coordinates: three standard deviations of the mean either way.
     freedom = 2 * len(score.nees)
     assert abs(score.nees.mean() / 2 - 1) < 3 * np.sqrt(2 / freedom)
+
+
+def test_the_dots_of_a_rune_tag_are_named_and_known_as_well_as_claimed() -> None:
+    """Dots of 7 to 14 px, a third of their diameter apart: some are not seen for their neighbours."""
+    world = built(RUNETAG)
+    _, _, score = measured(world, shots(RUNETAG))
+    assert score.expected.sum() > 0.75 * score.expected.size
+    assert score.found.sum() > 0.9 * score.expected.sum(), score.missed
+    assert len(score.wrong_dot) == len(score.wrong_code) == len(score.false) == 0
+    assert np.sqrt((score.error_px**2).mean()) < 0.02
+    assert abs(score.nees.mean() / 2 - 1) < 3 * np.sqrt(1 / len(score.nees))
 
 
 @pytest.mark.parametrize("seed", range(1, 13))

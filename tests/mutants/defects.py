@@ -1138,6 +1138,87 @@ PLANNING = [
     ),
     Defect("two exposures are worth four", "by_exposures", "n**-0.5", "n**-1.0", OFTEN),
 ]
+CCTAG_NAMED = "tests/test_cctags.py::test_tags_are_named_and_their_centres_measured"
+CCTAG_SLANTED = "tests/test_cctags.py::test_the_centre_of_a_slanted_tag_is_not_that_of_its_ellipse"
+CCTAG_PRINT = "tests/test_cctags.py::test_the_print_has_every_crown"
+CCTAG_TABLES = "tests/test_cctags.py::test_the_tables_are_those_of_cctag"
+CCTAG_CLUTTER = "tests/test_cctags.py::test_edges_a_little_beside_those_of_a_tag_are_no_tag"
+CCTAG_OTHERS = "tests/test_cctags.py::test_a_tag_of_four_crowns_is_none_of_three"
+APRIL_PRINT = "tests/test_april_grid.py::test_the_print_is_kalibrs"
+APRIL_NAMED = "tests/test_april_grid.py::test_every_corner_is_named_and_measured_to_a_hundredth_of_a_pixel"
+APRIL_CLUTTER = "tests/test_april_grid.py::test_a_board_seen_from_behind_and_clutter_give_no_number"
+APRIL_BORDER = "tests/test_april_grid.py::test_a_border_of_one_cell_is_noticed"
+RUNE_WORDS = "tests/test_rune_tags.py::test_words_are_of_a_cyclic_code_whose_turns_differ_in_30_symbols"
+RUNE_PRINT = "tests/test_rune_tags.py::test_what_is_printed_says_the_word"
+RUNE_NAMED = "tests/test_rune_tags.py::test_every_dot_is_named_at_any_slant_and_turn"
+RUNE_HIDDEN = "tests/test_rune_tags.py::test_a_third_hidden_and_dots_that_are_none_leave_no_dot_wrong"
+RUNE_OTHERS = "tests/test_rune_tags.py::test_other_tags_a_tag_from_behind_and_rubbish_have_no_name"
+FAMILIES = [
+    Defect(
+        "words are turned the wrong way about",
+        "rune_code",
+        "np.arange(SECTORS) + turn[:, None]",
+        "np.arange(SECTORS) - turn[:, None]",
+        RUNE_WORDS,
+    ),
+    Defect(
+        "the innermost dot is the last bit", "places_of_rune", "np.array([2, 1, 0])", "np.array([0, 1, 2])", RUNE_PRINT
+    ),
+    Defect("a tag is read clockwise", "_read", "[1, -1]", "[1, 1]", RUNE_NAMED),
+    Defect(
+        "circles are not seen in perspective",
+        "_upright",
+        "np.asarray(circle @ _tilted(w))",
+        "np.asarray(circle @ _tilted(0 * w))",
+        RUNE_NAMED,
+    ),
+    Defect(
+        "hidden sectors count as wrong ones",
+        "_first_sector",
+        "(read < 0).sum(axis=1)",
+        "9 * (read < 0).sum(axis=1)",
+        RUNE_HIDDEN,
+    ),
+    Defect("any word is the tag's", "_first_sector", "cost[best] < APART", "cost[best] < 99", RUNE_OTHERS),
+    Defect(
+        "the outer circle is no edge", "crown_radii", "np.ones(len(inner))", "np.full(len(inner), 1.01)", CCTAG_TABLES
+    ),
+    Defect(
+        "crowns of ink and of paper change places",
+        "_discs",
+        "np.arange(edges) % 2 == 0",
+        "np.arange(edges) % 2 == 1",
+        CCTAG_PRINT,
+    ),
+    Defect(
+        "rings are looked for about the centre of their ellipse",
+        "_upright",
+        "np.asarray(H @ _tilted(w))",
+        "np.asarray(H @ _tilted(0 * w))",
+        CCTAG_NAMED,
+    ),
+    Defect("a tag's plane is seen without perspective", "shape_of", "H[2, 0]", "0 * H[2, 0]", CCTAG_SLANTED),
+    Defect("the slope of a fit forgets the perspective", "_places", "along * v", "0 * along", CCTAG_SLANTED),
+    Defect(
+        "a tag may fit as badly as it likes", "_read", "best.misfit > WORST_MISFIT", "best.misfit > 9", CCTAG_OTHERS
+    ),
+    Defect(
+        "the bits of an AprilGrid are read inside out",
+        "_words",
+        "tags.generateImageMarker(__k__, side + 2)[1:-1, 1:-1] > 0",
+        "tags.generateImageMarker(__k__, side + 2)[1:-1, 1:-1] == 0",
+        APRIL_NAMED,
+    ),
+    Defect("words are turned the wrong way", "_words", "np.rot90(one, -k)", "np.rot90(one, k)", APRIL_NAMED),
+    Defect(
+        "any word is a tag's",
+        "_number",
+        "wrong[turns, number] <= WRONG_BITS",
+        "wrong[turns, number] <= 99",
+        APRIL_CLUTTER,
+    ),
+    Defect("what thinning took is not given back", "_quadrangle", "1.4 * thinned", "-3 * thinned", APRIL_NAMED),
+]
 DEFECTS = [
     *COMPARING,
     *RENDERING,
@@ -1153,4 +1234,5 @@ DEFECTS = [
     *BENCH,
     *PHYSICS,
     *PLANNING,
+    *FAMILIES,
 ]

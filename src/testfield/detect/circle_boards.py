@@ -1,20 +1,25 @@
-"""Names for the dots of boards that have nothing but circles: symmetric and asymmetric grids."""
+"""Names for the dots of boards that have nothing but circles: symmetric and asymmetric grids, RUNE-Tags."""
+
+from collections.abc import Callable
 
 import cv2
 import numpy as np
 
 from testfield.detect.circle_grid import order_grid
+from testfield.detect.rune_dots import name_rune
 from testfield.registry import known_of
-from testfield.targets.board_pattern import BoardPattern
+from testfield.targets.board_pattern import BoardKind, BoardPattern
 from testfield.targets.field import Field
 
 
 def name_circles(
-    xy_px: np.ndarray, diameter_px: np.ndarray, free: np.ndarray, field: Field
+    xy_px: np.ndarray, diameter_px: np.ndarray, free: np.ndarray, field: Field, crowded: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Board (n,) and point (n,) index, -1 for none, of the dots (n, 2) px that are `free` (n,).
+    """Board (n,) and point (n,) index, -1 for none, of the dots (n, 2) px that are `free` (n,); on a RUNE-Tag also of
+    those that are `crowded` (n,) by others.
 
-    A grid is named only where all of it is seen. A symmetric one is taken to stand upright.
+    A grid is named only where all of it is seen, a RUNE-Tag where half of it is. A symmetric grid is taken to stand
+    upright.
     """
     board, point = np.full(len(xy_px), -1), np.full(len(xy_px), -1)
     # The largest first: a small one would be found within it.
@@ -23,13 +28,20 @@ def name_circles(
         sheet = field.boards[b]
         if sheet.pattern is None or sheet.has_corners:
             continue
-        left = np.flatnonzero(free & (board == -1))
+        usable = free | crowded if sheet.pattern.of_kind.on_circles else free
+        left = np.flatnonzero(usable & (board == -1))
         own = known_of("boards", sheet.pattern.kind, "name")
-        name = own or (_asymmetric if sheet.pattern.of_kind.staggered else _symmetric)
+        name = own or _finder(sheet.pattern.of_kind)
         number = name(xy_px[left], diameter_px[left], sheet.pattern)
         board[left[number >= 0]] = b
         point[left[number >= 0]] = number[number >= 0]
     return board, point
+
+
+def _finder(kind: BoardKind) -> Callable:
+    if kind.on_circles:
+        return name_rune
+    return _asymmetric if kind.staggered else _symmetric
 
 
 def _symmetric(xy_px: np.ndarray, diameter_px: np.ndarray, pattern: BoardPattern) -> np.ndarray:

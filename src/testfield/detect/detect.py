@@ -19,7 +19,7 @@ from testfield.detect.decode import CROWDED, CUT, PLAIN, UNREADABLE, decode
 from testfield.detect.find import find_blobs
 from testfield.detect.identify import identify
 from testfield.detect.knobs import ALIKE, LARGEST_PX
-from testfield.detect.observations import MEASURED, Observations
+from testfield.detect.observations import MEASURED, SURROUNDED, Observations
 from testfield.detect.one_row import first_rows
 from testfield.detect.ones_own import blobs_of, numbers_of
 from testfield.detect.outline import DISC, POLYGON, UNEVEN, UNTOLD, shapes
@@ -105,7 +105,11 @@ def detect(
         inside = [cv2.pointPolygonTest(outline.astype(np.float32), xy, False) >= 0 for xy in targets.xy_px.tolist()]
         targets.status[plain & np.array(inside, bool)] = "part of a tag or a square"
     plain &= targets.status == MEASURED
-    named, number = name_circles(targets.xy_px, _diameter(targets.moments_px2), plain, field)
+    crowded = np.isin(targets.status.astype(str), SURROUNDED)
+    named, number = name_circles(targets.xy_px, _diameter(targets.moments_px2), plain, field, crowded)
+    # Dots that stand as near to each other as those of a RUNE-Tag look like parts of a ring.
+    told = crowded & (named >= 0)
+    targets.status[told], targets.code[told] = MEASURED, PLAIN
     board, point = np.where(named >= 0, named, board), np.where(named >= 0, number, point)
     return Observations.beside([targets.observations(frame.station, board, point), squares])
 

@@ -11,7 +11,7 @@ from testfield.detect.circle_grid import order_grid
 from testfield.detect.decode import decode
 from testfield.detect.eight_bits import pictures
 from testfield.detect.noise import noise_of_pixels
-from testfield.detect.observations import MEASURED, Observations
+from testfield.detect.observations import MEASURED, SURROUNDED, Observations
 from testfield.detect.opencv_boards import detect_board, tag_detector
 from testfield.detect.ring_shape import seen_shape
 from testfield.detect.target_spec import TargetSpec
@@ -22,7 +22,6 @@ from testfield.targets.ring_code import BITS
 BLANK_SIGMAS, MOSTLY, DARK = 12.0, 0.5, 0.03
 """A range of less than the first is nothing but noise; more than the second part of all pixels full is too long an
 exposure, all below the third part of the range is too short a one."""
-SURROUNDED = ("ring cannot be read", "surroundings are not a target's")
 LEAST_CODES, LEAST_TAGS = 3, 2
 LARGEST_PX = 1600
 """Larger images are reduced before other dictionaries and sizes are tried."""

@@ -15,6 +15,8 @@ __all__ = ["MEASURED", "READ", "Observations"]
 READ = "read"
 """The place at which a detector that states no uncertainty read a point, where no model could be fitted; the covariance
 is what such a detector's errors usually are."""
+SURROUNDED = ("ring cannot be read", "surroundings are not a target's")
+"""What is said of a dot that others stand near to, which look like parts of its ring."""
 TEXTURE = ("no ellipse fits", "too small", "too little contrast", "part of a ring", "not an ellipse")
 """Reasons why a blob was turned down that are true of texture more often than of targets."""
 

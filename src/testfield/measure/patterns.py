@@ -123,7 +123,7 @@ def of_boards(
         point[here & (number >= 0)] = number[here & (number >= 0)]
         u, u_flat = pattern.u_mm
         n = len(board_pattern.points_mm)
-        marks = Marks(board_pattern.points_mm, np.full(n, board_pattern.free_mm), np.zeros(n, int), 14)
+        marks = Marks(board_pattern.points_mm, board_pattern.diameters_mm, np.zeros(n, int), 14)
         half = 2 * board_pattern.half_mm
         boards.append(NominalBoard(pattern.name, marks, u, u_flat, board_pattern, (float(half[0]), float(half[1]))))
         if not pattern.target.sized:

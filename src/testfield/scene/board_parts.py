@@ -13,6 +13,7 @@ from testfield.scene.bend import curvature_of, extent_mm
 from testfield.scene.fields import Count, Dictionary, Direction, Ink, Label, Pair, Part, PositiveFloat, Size, Vector3
 from testfield.targets.board_pattern import BoardPattern, dictionary
 from testfield.targets.crowns import crown_radii
+from testfield.targets.rune_code import DOT, word_of_rune
 
 LEAST_CCTAG_PITCH = 1.25
 """Distance of CCTags in diameters: each needs paper around it."""
@@ -194,6 +195,24 @@ class CCTagPart(Part):
         return self
 
 
+class RuneTagPart(Part):
+    """A RUNE-Tag of 129 places: dots on three circles, which is known with half of it hidden."""
+
+    kind: Literal["runetag"] = Field(description="One RUNE-Tag.")
+    diameter_mm: PositiveFloat = Field(description="Diameter of the circle on which the outermost dots stand.")
+    number: int = Field(ge=0, description="Its number in the reference's table of 17,000 tags.")
+
+    @property
+    def pattern(self) -> BoardPattern:
+        """What is printed."""
+        return BoardPattern(self.kind, 1, 1, self.diameter_mm, DOT * self.diameter_mm, first_tag=self.number)
+
+    @model_validator(mode="after")
+    def _there(self) -> "RuneTagPart":
+        word_of_rune(self.number)
+        return self
+
+
 class CirclesPart(Part):
     """A symmetric grid of plain dots. It looks the same upside down, so cameras must see it more or less upright."""
 
@@ -237,7 +256,14 @@ class AsymmetricCirclesPart(Part):
 
 
 PatternPart = Annotated[
-    CharucoPart | CheckerboardPart | TagGridPart | AprilGridPart | CCTagPart | CirclesPart | AsymmetricCirclesPart,
+    CharucoPart
+    | CheckerboardPart
+    | TagGridPart
+    | AprilGridPart
+    | CCTagPart
+    | RuneTagPart
+    | CirclesPart
+    | AsymmetricCirclesPart,
     Field(discriminator="kind"),
 ]
 

@@ -51,7 +51,7 @@ def check_patterns(scene: SceneFile, world: World, source: str) -> None:
 
 def _family(pattern: BoardPattern) -> str:
     """What the numbers of a board's tags belong to."""
-    return f"CCTags of {pattern.crowns} crowns" if pattern.crowns else pattern.names.upper()
+    return f"CCTags of {pattern.crowns} crowns" if pattern.crowns else pattern.names.upper() or pattern.kind
 
 
 def pattern_warnings(world: World, views: Views, source: str) -> list[str]:

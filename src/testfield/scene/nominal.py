@@ -35,8 +35,7 @@ def nominal_board(board: BoardPart, bits: int, index: int) -> NominalBoard:
     """What the certificate of a sub-board says: coded targets first, then the plain dots; or its pattern's points."""
     if board.pattern is not None:
         printed = board.pattern.pattern
-        n = len(printed.points_mm)
-        marks = Marks(printed.points_mm, np.full(n, printed.free_mm), np.zeros(n, int), bits)
+        marks = Marks(printed.points_mm, printed.diameters_mm, np.zeros(len(printed.points_mm), int), bits)
         u_xy_mm = 0.0 if printed.has_corners else board.print_sigma_mm
         return NominalBoard(board.name, marks, u_xy_mm, 0.0, printed, board.size_mm)
     zone = board.recognition_zone

@@ -3,10 +3,11 @@
 from math import prod
 
 from testfield.errors import TestfieldError
-from testfield.scene.board_parts import BoardPart
+from testfield.scene.board_parts import BoardPart, RuneTagPart
 from testfield.scene.schema import SceneFile
 from testfield.scene.station_parts import StationGrid, StationPart, StationPose, StationSingle
 from testfield.scene.target_parts import CheckGrid, CheckOnMesh, CheckPart, CheckRandom
+from testfield.targets.rune_code import CIRCLES, SECTORS
 
 MOST_PIXELS = 200_000_000
 MOST_STATIONS = 10_000
@@ -55,6 +56,8 @@ def checks_of(part: CheckPart) -> int:
 
 def marks_of(part: BoardPart) -> int:
     """How many marks a board has at most."""
+    if isinstance(part.pattern, RuneTagPart):
+        return CIRCLES * SECTORS
     if part.pattern is not None:
         return 4 * part.pattern.columns * part.pattern.rows
     zones = (part.extension_zone, part.recognition_zone)

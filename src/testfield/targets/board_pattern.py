@@ -76,8 +76,9 @@ class BoardKind:
     Corners are `crossing` where two edges cross, else they are a tag's own; they are looked for within
     `known_within_mm` of one that was read. Circles are `staggered` in an asymmetric grid. `shows_front` tells whether
     an image of the board tells it from its mirror image. `turned_tags` are printed turned by half against OpenCV's
-    print, and `corner_squares` touch the corners of all tags. `discs` gives the print of round tags, whose centres are
-    their points; `cells` is then the paper that holds them.
+    print, and `corner_squares` touch the corners of all tags. Circles whose `diameters_mm` (n,) differ tell them; those
+    `on_circles` about the middle are told by where they stand on them. `discs` gives the print of round tags, whose
+    centres are their points; `cells` is then the paper that holds them.
 
     A kind that OpenCV's finders of tags, checkerboards and grids of circles do not find gives a finder of its own when
     it is registered: `read` (image (h, w), pattern) to a `detect.square_boards.Seen` or None, or `name` (centres
@@ -96,6 +97,8 @@ class BoardKind:
     turned_tags: bool = False
     corner_squares: bool = False
     discs: Callable[["BoardPattern"], Discs] | None = None
+    diameters_mm: Callable[["BoardPattern"], np.ndarray] | None = None
+    on_circles: bool = False
 
 
 @dataclass(frozen=True)
@@ -144,6 +147,12 @@ class BoardPattern:
     def free_mm(self) -> float:
         """Diameter of the circle around a corner in which nothing else is printed; of a circle, its own."""
         return float(self.of_kind.free_mm(self))
+
+    @property
+    def diameters_mm(self) -> np.ndarray:
+        """(n,) diameters of its circles, or around its corners as `free_mm`."""
+        make = self.of_kind.diameters_mm
+        return np.full(len(self.points_mm), self.free_mm) if make is None else make(self)
 
     @property
     def half_mm(self) -> np.ndarray:
