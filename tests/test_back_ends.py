@@ -34,7 +34,7 @@ def test_both_april_tag_libraries_number_corners_as_the_field_sheet(
     image, corners = tag(family, 7, turn_deg)
     target = parse_target(f"apriltag:{family}")
     found = {"as installed": detect_board(image.astype(np.float32), target)}
-    monkeypatch.setattr(opencv_boards, "_pupil", lambda _: None)
+    monkeypatch.setattr(opencv_boards, "pupil", lambda _: None)
     found["OpenCV"] = detect_board(image.astype(np.float32), target)
     for name, one in found.items():
         assert one.code.tolist() == [7] * 4, name

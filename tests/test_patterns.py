@@ -29,6 +29,7 @@ KINDS = (
     "aprilgrid:3x2:60:18",
     "circles:8x6:25:14",
     "acircles:4x9:22:18",
+    "hexcircles:6x7:26:15",
 )
 TILTS = [(0.15, -0.12), (0.6, 0.1), (-0.55, 0.2), (0.1, 0.6), (-0.1, -0.6), (0.45, -0.45), (-0.4, -0.4)]
 TURNS = [-0.15, 0.2, -0.3, 0.4, -0.2, 0.1, 0.25]
@@ -49,12 +50,15 @@ def black_at(pattern: BoardPattern, xy_mm: np.ndarray) -> np.ndarray:
     """(...) whether places (..., 2) of the board are black."""
     if pattern.has_corners:
         return pattern.cells.at(xy_mm)
-    wide = 2 if pattern.of_kind.staggered else 1
+    # Distances of dots in a row, of every other row's shift, and of rows, in spacings.
+    wide, half, down = {"circles": (1, 0, 1), "acircles": (2, 1, 1), "hexcircles": (1, 0.5, 0.75**0.5)}[pattern.kind]
     x, y = ((xy_mm - pattern.points_mm[0]) * [1, -1] / pattern.pitch_mm).transpose(2, 0, 1)
-    row = np.rint(y).clip(0, pattern.rows - 1)  # dots are smaller than their rows are apart
-    shift = row % 2 if wide == 2 else 0
+    row = np.rint(y / down).clip(0, pattern.rows - 1)  # dots are smaller than their rows are apart
+    shift = half * (row % 2)
     column = np.rint((x - shift) / wide).clip(0, pattern.columns - 1)
-    return np.asarray((x - shift - wide * column) ** 2 + (y - row) ** 2 < (pattern.mark_mm / pattern.pitch_mm / 2) ** 2)
+    return np.asarray(
+        (x - shift - wide * column) ** 2 + (y - down * row) ** 2 < (pattern.mark_mm / pattern.pitch_mm / 2) ** 2
+    )
 
 
 @cache

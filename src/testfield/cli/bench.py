@@ -34,6 +34,11 @@ def add(commands: Any) -> None:
     one.add_argument(
         "--hard", action="store_true", help="curves of dots that are small, dense, jagged, half in shade or at a border"
     )
+    one.add_argument(
+        "--kinds",
+        action="store_true",
+        help="every kind of target over size, tilt, noise and blur, beside public detectors of its kind",
+    )
 
     one = _tool(tools, "adjust", _adjust, "the bundle against Ceres, COLMAP and OpenCV, and how its time grows")
     one.add_argument("--quick", action="store_true", help="small networks only: half a minute's worth")
@@ -302,6 +307,8 @@ def _recall(args: argparse.Namespace) -> int:
         from testfield.bench.hard_dots import bench_hard, lines
 
         return _say(args, bench_hard(_tell), lines)
+    if args.kinds:
+        return _kinds(args)
     targets, empty = (min(args.targets, 1000), min(args.empty, 5)) if args.quick else (args.targets, args.empty)
     figures = bench_recall(targets, empty, _tell)
     if args.json:
@@ -316,6 +323,22 @@ def _recall(args: argparse.Namespace) -> int:
         print(f"tilt {band:>5} degrees: {found} found of {clear} in clear sight, {100 * found / max(clear, 1):.2f} %")
     for why, times in figures["missed"].items():
         print(f"not found: {times:>4}  {why}")
+    return 0
+
+
+def _kinds(args: argparse.Namespace) -> int:
+    import json
+
+    from testfield.bench.recall_kinds import behind, bench_kinds, lines
+
+    repeats, empty = (1, 4) if args.quick else (4, 20)
+    rows = bench_kinds(repeats, empty, args.quick, _tell)
+    if args.json:
+        print(json.dumps({"rows": rows, "behind": behind(rows)}))
+        return 0
+    print("\n".join(lines(rows)))
+    for said in behind(rows):
+        print(f"behind: {said}")
     return 0
 
 

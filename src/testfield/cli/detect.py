@@ -11,9 +11,9 @@ from testfield.store.text import read_text
 OF_PHOTOGRAPHS = ("radii", "codes", "polarity", "bayer", "smallest_px", "largest_px", "unclear", "lines", "out")
 OF_KINDS = {
     ("radii", "codes"): ("ring",),
-    ("polarity",): ("ring", "circles"),
-    ("smallest_px",): ("ring", "circles", "acircles"),
-    ("largest_px", "unclear", "lines"): ("ring", "circles"),
+    ("polarity",): ("ring", "circles", "hexcircles"),
+    ("smallest_px",): ("ring", "circles", "acircles", "hexcircles"),
+    ("largest_px", "unclear", "lines"): ("ring", "circles", "hexcircles"),
 }
 """Which options mean something for which kinds of targets."""
 NAMES = {"polarity": "--white-on-black or --black-on-white"}
@@ -36,7 +36,7 @@ def add(commands: Any) -> None:
     p.add_argument(
         "--target",
         metavar="KIND",
-        help="what the images show: ring14, circles, circles:10x8, acircles:4x11, checkerboard:9x6, "
+        help="what the images show: ring14, circles, circles:10x8, acircles:4x11, hexcircles:14x24, checkerboard:9x6, "
         "charuco:7x5:DICT_4X4_50:30:22 (mm), tags:5x7:DICT_6X6_50:30:24 (mm), aruco:DICT_4X4_50, apriltag:36h11, "
         "aprilgrid:6x6:88:26.4 (mm), cctag:3",
     )

@@ -28,7 +28,8 @@ def add(commands: Any) -> None:
         "--target",
         metavar="KIND",
         help="the targets, of which nothing is certified: ring14, or a board, its lengths in mm: checkerboard:9x6:25, "
-        "charuco:7x5:DICT_4X4_50:30:22, circles:10x8:25:15, acircles:4x11:20:12, tags:5x7:DICT_6X6_50:30:24, "
+        "charuco:7x5:DICT_4X4_50:30:22, circles:10x8:25:15, acircles:4x11:20:12, hexcircles:14x24:12:10, "
+        "tags:5x7:DICT_6X6_50:30:24, "
         "aprilgrid:6x6:88:26.4",
     )
     p.add_argument(

@@ -163,7 +163,7 @@ def _apriltag(image: np.ndarray, spec: TargetSpec) -> Corners:
     family = spec.dictionary.removeprefix("tag")
     ours = TargetSpec("aruco", dictionary=f"DICT_APRILTAG_{family}")
     known = ours.dictionary.upper() in (name.upper() for name in dir(cv2.aruco))
-    detector = _pupil(f"tag{family}")
+    detector = pupil(f"tag{family}")
     if detector is None and known:
         found = _aruco(image, ours)
         return replace(found, notes=(*found.notes, "by OpenCV; pupil-apriltags is not installed or lacks the family"))
@@ -209,7 +209,7 @@ def _april_grid_of(border: int, image: np.ndarray, spec: TargetSpec) -> Corners:
 
 
 @cache
-def _pupil(family: str) -> Any | None:
+def pupil(family: str) -> Any | None:
     """The library's detector of a family, None where there is no library or no such family in it.
 
     It is kept, and never let go: its destructor damages the memory, and the process dies of that sooner or later.

@@ -12,13 +12,14 @@ from testfield.detect.crown_boards import observed
 from testfield.detect.crowns import read_crowns
 from testfield.detect.eight_bits import pictures
 from testfield.detect.every_dot import measured
+from testfield.detect.hexagonal_grid import order_hexagonal
 from testfield.detect.hints import exposure, of_boards, of_dots, of_grids, of_rings
 from testfield.detect.knobs import DEFAULT, Knobs
 from testfield.detect.noise import estimate_sheet
 from testfield.detect.observations import MEASURED, TEXTURE, Observations
 from testfield.detect.opencv_boards import detect_board
 from testfield.detect.photo_corners import measure_read
-from testfield.detect.target_spec import TargetSpec
+from testfield.detect.target_spec import DOTS, TargetSpec
 from testfield.detect.targets import Targets
 from testfield.targets.code_table import CodeTable
 from testfield.targets.marks import USUAL, ring_radii, shape_name
@@ -82,7 +83,7 @@ def detect_in_photograph(
     """Everything of one kind in one photograph. `radii` the rings' shape, as 1:2:3; `polarity` one of the three; dots
     of less than `smallest_px` diameter are not looked for. An image that shows nothing gives an empty result. `codes`
     is the table of the rings' numbers where it is not that of their bits; `knobs` turn what is decided by default."""
-    if target.kind not in ("ring", "circles"):
+    if target.kind not in ("ring", *DOTS):
         board = _of_crowns(photograph, target) if target.crowns else _of_board(photograph, target, smallest_px)
         if not len(board.observations):
             seen = of_boards(photograph, target) or of_dots(_plain_dots(photograph, smallest_px).observations)
@@ -130,7 +131,7 @@ def _dots(
     targets, said = measured(image, sheet, bits, shape, smallest_px, codes, knobs)
     notes += said
     place = np.full((len(targets.code), 2), -1)
-    if target.kind == "circles":
+    if target.kind in DOTS:
         place = _grid_places(targets, target)
         if target.columns and not (place >= 0).any():
             notes.append(f"no grid of {target.columns} x {target.rows} dots, or one that is part of a larger grid")
@@ -155,7 +156,8 @@ def _grid_places(targets: Targets, target: TargetSpec) -> np.ndarray:
     good = targets.status == MEASURED
     place = np.full((len(good), 2), -1)
     diameter = 4 * np.linalg.det(targets.moments_px2[good]) ** 0.25
-    place[good] = order_grid(targets.xy_px[good], diameter, target.columns, target.rows)
+    order = order_hexagonal if target.kind == "hexcircles" else order_grid
+    place[good] = order(targets.xy_px[good], diameter, target.columns, target.rows)
     return place
 
 

@@ -12,6 +12,8 @@ KINDS = {
     "ring14": "ring codes of 14 bits and plain dots (also ring8, ring10, ring12, ring16, ring20)",
     "circles": "plain dots; circles:10x8 a symmetric grid of 10 columns and 8 rows",
     "acircles:4x11": "an asymmetric circle grid, by OpenCV",
+    "hexcircles:14x24": "a hexagonal grid of circles: in a row, and rows; lengths in mm, as :12:10 from each to its "
+    "neighbours, and diameter",
     "checkerboard:9x6": "inner corners of a checkerboard, by OpenCV; to measure with it, its squares in mm, as :25",
     "charuco:7x5:DICT_4X4_50:30:22": "ChArUco: squares, dictionary, side of a square and of a marker in mm, by OpenCV",
     "aruco:DICT_4X4_50": "ArUco markers, by OpenCV",
@@ -21,7 +23,9 @@ KINDS = {
     "tags:5x7:DICT_6X6_50:30:24": "a board of ArUco or AprilTags, row by row: columns, rows, dictionary, from tag to "
     "tag and a tag's side in mm; a last :10 where the first tag is not 0",
 }
-GRIDS = ("circles", "acircles", "checkerboard")
+GRIDS = ("circles", "acircles", "hexcircles", "checkerboard")
+DOTS = ("circles", "hexcircles")
+"""Grids that are numbered from the dots that were measured."""
 
 APRIL_GRID_TAGS = "DICT_APRILTAG_36h11"
 

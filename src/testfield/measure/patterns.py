@@ -144,7 +144,7 @@ def board_pattern(target: TargetSpec, mark_mm: float | None = None, turned: bool
     columns, rows = (target.rows, target.columns) if turned else (target.columns, target.rows)
     if target.kind == "checkerboard":
         return BoardPattern("checkerboard", columns + 1, rows + 1, target.square_mm)
-    if target.kind in ("circles", "acircles"):
+    if target.kind in ("circles", "acircles", "hexcircles"):
         if target.kind == "circles":  # as `order_grid` counts them: the columns run along the longer side
             columns, rows = max(columns, rows), min(columns, rows)
         diameter = target.marker_mm if mark_mm is None else mark_mm
@@ -173,7 +173,7 @@ def _numbered(
         shown = board_pattern(target, turned=True)
         grid = _grid_of(shown)
         notes.append(f"'{pattern.name}' has {shown.columns} x {shown.rows} squares, its columns and rows exchanged")
-    if target.kind in ("circles", "acircles") and not target.mark_sized:
+    if target.kind in ("circles", "acircles", "hexcircles") and not target.mark_sized:
         ratio = _diameter_over_spacing(shown, o, place, images)
         if ratio is not None:
             shown = board_pattern(target, ratio * target.square_mm)

@@ -121,7 +121,7 @@ class PatternPart(_Part):
 
     kind: str = Field(
         description="checkerboard:9x6:25, charuco:7x5:DICT_4X4_50:30:22, circles:10x8:25:15, acircles:4x11:20:12, "
-        "tags:5x7:DICT_6X6_50:30:24; lengths in mm."
+        "hexcircles:14x24:12:10, tags:5x7:DICT_6X6_50:30:24; lengths in mm."
     )
     name: str = Field("", description="What it is called; absent, its kind.")
     u_mm: float | None = Field(
@@ -218,7 +218,7 @@ class FieldFile(_Part):
         if self.patterns:
             return self.patterns
         kind = self.target.kind.strip()
-        if kind.startswith(("checkerboard", "charuco", "acircles", "tags")):
+        if kind.startswith(("checkerboard", "charuco", "acircles", "hexcircles", "tags", "aprilgrid")):
             return (PatternPart(kind=kind),)
         if self.grid is None and self.target.diameter_mm is None and kind.startswith("circles:"):
             return (PatternPart(kind=kind),)
