@@ -139,6 +139,9 @@ def test_a_sweep_writes_its_table_and_a_page_that_needs_no_network(
     assert json.loads(capsys.readouterr().out)["cases"] == 4
     table = pd.read_csv(out / "sweep.csv")
     assert table["points.rmse_mm"].tolist() == pytest.approx([0.11, 0.11, 0.01, 0.01])
+    for suffix, head in (("svg", b"<?xml"), ("pdf", b"%PDF")):
+        drawn = list((out / "figures").glob(f"*.{suffix}"))
+        assert len(drawn) == 2 and all(path.read_bytes().startswith(head) for path in drawn)  # one over each field
     page = (out / "sweep.html").read_text()
     assert "camera.k1" in page
     assert not re.search(r"<(script|link)[^>]*(src|href)=", page)

@@ -86,8 +86,8 @@ def finished(name: str, group: str, title: str, drawing: Any) -> Drawing:
     return Drawing(name, group, title, svg_of(drawing), buffer.getvalue())
 
 
-def _small(drawing: Any) -> None:
-    """Text of a size that a column takes."""
+def small(drawing: Any) -> None:
+    """Give a drawing text of a size that a column takes."""
     for axes in drawing.axes:
         axes.tick_params(which="both", labelsize=FONT_PT, width=0.6, length=2.5)
         axes.xaxis.label.set_size(FONT_PT + 0.5)
@@ -108,7 +108,7 @@ def _differences(compared: Compared, first: str) -> Iterator[Drawing]:
             with figure(COLUMN_IN, 0.62 + 0.2 * len(own)) as (drawing, axes):
                 _forest(axes, own)
                 axes.set_xlabel(f"difference from {first}, {metric.unit or 'targets'}")
-                _small(drawing)
+                small(drawing)
                 yield finished(f"difference_{slug(metric.title)}", "differences", metric.title, drawing)
 
 
@@ -135,7 +135,7 @@ def _common_noise(compared: Compared, recipes: Sequence[str]) -> Iterator[Drawin
         axes.set_xlim(left=0)
         above = {"loc": "lower left", "bbox_to_anchor": (0, 1), "ncols": 4, "columnspacing": 1.0}
         axes.legend(frameon=False, fontsize=FONT_PT - 0.5, handlelength=0.8, handletextpad=0.3, **above)
-        _small(drawing)
+        small(drawing)
         yield finished("common_noise", "differences", "What common noise is worth", drawing)
 
 
@@ -177,7 +177,7 @@ def _curves(curves: pd.DataFrame, comparison: Comparison, recipes: Sequence[str]
                 axes.set_xlabel(factor.name)
                 axes.set_ylabel(f"{metric.title}, {metric.unit}" if metric.unit else metric.title)
                 _legend(axes)
-                _small(drawing)
+                small(drawing)
                 name = f"curve_{slug(factor.name)}_{slug(metric.title)}"
                 yield finished(name, "curves", f"{metric.title} over {factor.name}", drawing)
 
@@ -205,7 +205,7 @@ def _recall(own: pd.DataFrame, recipes: Sequence[str]) -> Iterator[Drawing]:
         axes.set_xlabel("found of those expected, %")
         axes.set_ylabel(f"{CENTRE.title}, px")
         _legend(axes)
-        _small(drawing)
+        small(drawing)
         yield finished("accuracy_over_recall", "recall", "Accuracy over recall, a mark a scene", drawing)
 
 
@@ -222,7 +222,7 @@ def _lengths(own: pd.DataFrame, recipes: Sequence[str]) -> Iterator[Drawing]:
         axes.set_xlabel("length, mm")
         axes.set_ylabel("length error, µm")
         _legend(axes)
-        _small(drawing)
+        small(drawing)
         yield finished("length_error_over_length", "lengths", "Length error: rms, and broken the mean", drawing)
 
 
@@ -240,7 +240,7 @@ def _maps(own: pd.DataFrame, recipes: Sequence[str]) -> Iterator[Drawing]:
             if len(table):
                 with figure(COLUMN_IN, COLUMN_IN * size[1] / size[0] + 0.35) as (drawing, axes):
                     _arrows(axes, table, size, unit)
-                    _small(drawing)
+                    small(drawing)
                     yield finished(f"bias_{what}_{slug(name)}", "maps", f"{name}: bias of {title}", drawing)
 
 

@@ -4,9 +4,11 @@ from pathlib import Path
 
 import pandas as pd
 
+from testfield.evaluate.compare_drawings import write_drawings
 from testfield.evaluate.compare_look import FAINT_FILL, HEIGHT_PX, plot, tabs
 from testfield.evaluate.failures import FAILURE
 from testfield.evaluate.sweep import Sweep
+from testfield.evaluate.sweep_drawings import drawings_of
 from testfield.score.scorecard import TEN
 from testfield.store.text import write_text
 
@@ -24,7 +26,8 @@ def figures_of(rows: pd.DataFrame) -> list[tuple[str, str]]:
 
 
 def write_sweep(sweep: Sweep, rows: pd.DataFrame, folder: Path) -> Path:
-    """Write `sweep.html`, with all of Bokeh in it, and `sweep.csv`; returns the page's path."""
+    """Write `sweep.html`, with all of Bokeh in it, `sweep.csv`, and each figure as SVG and PDF in `figures`; returns
+    the page's path."""
     from bokeh.embed import file_html
     from bokeh.layouts import column
     from bokeh.models import Div
@@ -46,6 +49,7 @@ def write_sweep(sweep: Sweep, rows: pd.DataFrame, folder: Path) -> Path:
     parts = [Div(text=said), *([shown] if shown is not None else [])]
     page = file_html(column(*parts, sizing_mode="stretch_width"), INLINE, title=f"sweep of {sweep.name}")
     write_text(folder / "sweep.html", page)
+    write_drawings(drawings_of(rows, list(sweep.fields), figures_of(rows)), folder)
     return folder / "sweep.html"
 
 
