@@ -17,6 +17,8 @@ SMOOTH_PART = 1 / 12
 """Sigma of the Gaussian that smooths residuals, in the image's longer side."""
 LEAST_WEIGHT = 5.0
 """Observations that a smoothed residual rests on at least."""
+NEAR = 0.6
+"""Weight of the nearest of them at least: at a sigma's distance."""
 SIGNIFICANT = 3.0
 """Length of a smoothed residual, in its standard deviation by chance, from which it is no chance."""
 
@@ -108,7 +110,7 @@ def smoothed(xy: np.ndarray, vectors: np.ndarray, at: np.ndarray, sigma_px: floa
             continue
         w = np.exp(-((xy[near] - at[k]) ** 2).sum(axis=1) / (2 * sigma_px**2))
         enough = w.sum() ** 2 / (w**2).sum()
-        if enough >= LEAST_WEIGHT and w.sum() >= 1:
+        if enough >= LEAST_WEIGHT and w.max() >= NEAR:
             mean[k] = w @ vectors[near] / w.sum()
             chance[k] = rms / np.sqrt(enough)
     return mean, chance
