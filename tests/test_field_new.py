@@ -16,7 +16,8 @@ from testfield.detect.observations import MEASURED, Observations
 from testfield.detect.photograph import Found
 from testfield.detect.target_spec import parse_target
 from testfield.measure.photographs import measure
-from testfield.measure.proposed_field import field_text, planes, propose
+from testfield.measure.proposed_field import planes, propose
+from testfield.measure.proposed_text import field_text
 from testfield.measure.settings import arranged
 from testfield.scene.frames import camera_looking
 from testfield.targets.field_file import FieldFile, load_field_file

@@ -64,7 +64,8 @@ def _propose(args: argparse.Namespace) -> int:
     from testfield.errors import TestfieldError
     from testfield.measure.kept_detections import Look
     from testfield.measure.one_camera import check_one_camera, focal_of
-    from testfield.measure.proposed_field import field_text, propose
+    from testfield.measure.proposed_field import propose
+    from testfield.measure.proposed_text import field_text
     from testfield.report.proposed_field import draw_board, draw_photograph
     from testfield.store.atomic import whole
     from testfield.store.text import write_text

@@ -33,10 +33,12 @@ MISREAD = 0.05
 @dataclass(frozen=True)
 class Arranged:
     """`setting` (I,) of each image, 0 the one with the most sights, -1 where nothing tells; `body` of each code, 0 the
-    one that stands still for all others. All one where nothing was moved."""
+    one that stands still for all others; `guessed` codes that only one arrangement shows, whose body is that of their
+    neighbours. All one where nothing was moved."""
 
     setting: np.ndarray
     body: dict[int, int]
+    guessed: tuple[int, ...] = ()
 
     @property
     def moving(self) -> tuple[int, ...]:
@@ -72,7 +74,8 @@ def arranged(
         if _one_world(ties, size_px, lens, hold, focal_px):
             return still
         raise
-    return Arranged(setting, _bodies(ties, np.flatnonzero(setting != 0), network))
+    body, guessed = _bodies(ties, np.flatnonzero(setting != 0), network)
+    return Arranged(setting, body, guessed)
 
 
 def _one_world(ties: Ties, size_px: tuple[int, int], lens: str, hold: tuple[str, ...], focal_px: float | None) -> bool:
@@ -129,9 +132,10 @@ def _rigid(a: np.ndarray, b: np.ndarray, tolerance_px: float) -> bool:
     return F is not None and int((mask == 0).sum()) <= allowed
 
 
-def _bodies(ties: Ties, images: np.ndarray, network: FreeNetwork) -> dict[int, int]:
-    """The rigid body of each code: codes that images of other arrangements show together belong together, unless others
-    show them apart. One that no such image shows belongs to its nearest neighbour's."""
+def _bodies(ties: Ties, images: np.ndarray, network: FreeNetwork) -> tuple[dict[int, int], tuple[int, ...]]:
+    """The rigid body of each code, and the codes of which nothing tells it. Codes that images of other arrangements
+    show together belong together, unless others show them apart; one that no such image shows stands with its nearest
+    neighbour."""
     place = {int(code): k for k, code in enumerate(network.code)}
     n = len(network.code)
     same, other = np.zeros((n, n), int), np.zeros((n, n), int)
@@ -149,13 +153,14 @@ def _bodies(ties: Ties, images: np.ndarray, network: FreeNetwork) -> dict[int, i
     size = np.bincount(group)
     sure = size[group] >= LEAST_BODY
     if not sure.any():
-        return dict.fromkeys(ties.code.tolist(), 0)
+        return dict.fromkeys(ties.code.tolist(), 0), ()
     away = np.linalg.norm(network.xyz_mm[:, None] - network.xyz_mm[None, sure], axis=2)
     group = group[sure][away.argmin(axis=1)]
     sights = np.bincount(group, weights=np.bincount(ties.point, minlength=len(ties.code))[_rows(ties, network.code)])
     rank = {int(g): k for k, g in enumerate(np.argsort(-sights)) if sights[g] > 0}
     of_code = {int(code): rank[int(g)] for code, g in zip(network.code, group, strict=True)}
-    return of_code | _near_in_images(ties, of_code)
+    more = _near_in_images(ties, of_code)
+    return of_code | more, (*network.code[~sure].tolist(), *more)
 
 
 def _near_in_images(ties: Ties, body: dict[int, int]) -> dict[int, int]:
