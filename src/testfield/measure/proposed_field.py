@@ -89,8 +89,8 @@ def propose(
         notes.append(f"boards were moved between the photographs: {said_settings(names, seen)}")
         if seen.guessed:
             notes.append(
-                f"code(s) {', '.join(map(str, seen.guessed[:20]))} are in one arrangement only, so that nothing tells with "
-                "which board they move: they stand with their nearest neighbours"
+                f"{len(seen.guessed)} code(s) are in one arrangement only, so that nothing tells with which board they "
+                f"move: they stand with their nearest neighbours ({', '.join(map(str, seen.guessed[:20]))})"
             )
         found = renumbered(found, seen.setting, set(seen.moving))
         observations = Observations.join([one.observations for one in found], names)
