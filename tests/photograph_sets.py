@@ -131,7 +131,8 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("renders/sets"))
     parser.add_argument("--only", nargs="+", default=[""])
     args = parser.parse_args()
-    print("| photographs | kind | images | found | wrong | residual, rms | CPU | |\n|---|---|---|---|---|---|---|---|")
+    titles = ("photographs", "kind", "images", "found", "wrong or turned down", "residual, rms", "CPU", "")
+    print(f"| {' | '.join(titles)} |\n{'|---' * len(titles)}|")
     for one in SETS:
         if any(word in one.name for word in args.only):
             print(line(one, args.folder, args.out / one.name.replace(" ", "_").replace("'", "")), flush=True)
@@ -214,7 +215,7 @@ def _read(one: Set, folder: Path, out: Path) -> tuple[str, str, str, list[str]]:
         residual = f"{told['reprojection_rms_px']:.3f} px"
         if "interior" in told and "fx" in u:
             notes.append(f"fx {told['interior']['fx']:.2f} px, u {u['fx']:.2f}")
-        notes.append(f"{len(told['joined'])} images joined, {len(told['rejected'])} points turned down")
+        notes.append(f"{len(told['joined'])} images joined")
     if one.right is not None:
         right = one.right(folder)
         tags = {(o.stations[s], c) for s, c in zip(o.station[seen], o.code[seen], strict=True) if c >= 0}
@@ -236,6 +237,8 @@ def _read(one: Set, folder: Path, out: Path) -> tuple[str, str, str, list[str]]:
         off = _off(o.point[mine], o.xy_px[mine], one)
         wrong += int((off > FAR_PX).sum())
         errors.append(off[off <= FAR_PX])
+    if answer.exists():  # the lens is in the adjustment, not in the map
+        wrong = len(json.loads(answer.read_text())["rejected"])
     if not residual and errors:
         residual = f"{np.sqrt(np.mean(np.concatenate(errors) ** 2) / 2):.3f} px from a smooth map"
     found = Counter(o.station[seen & (o.point >= 0)].tolist())

@@ -29,6 +29,9 @@ BLURS_PX, LARGER = (0.7, 1.3), np.linspace(0.9, 1.06, 9)
 WORST_MISFIT, CLEARER = 0.04, 1.3
 """Residual beyond noise, as a part of the contrast, up to which something is a tag; and by how much the next best
 number must fit worse, in rms."""
+ALONE_MISFIT, ALONE = 0.07, 2.0
+"""Bent paper and lenses leave more than that: up to which residual something is a tag that no other number fits as well
+by this factor, in rms."""
 MOST_BLUR = 0.08
 """Blur, in radii of the tag, beyond which numbers whose edges differ by 0.05 radii are not told apart."""
 LEAST_CONTRAST = 5.0
@@ -133,7 +136,8 @@ def _read(image_dn: np.ndarray, sheet: SensorSheet, ellipse: tuple, crowns: int)
         return None
     _, number, best = fits[0]
     noise = np.sqrt(sheet.variance_dn2(np.array(sheet.black_level_dn + best.theta[CONTRAST])))
-    if best.misfit > WORST_MISFIT or best.theta[CONTRAST] < LEAST_CONTRAST * noise:
+    alone = len(fits) > 1 and fits[1][0] > ALONE**2 * best.chi2
+    if best.misfit > (ALONE_MISFIT if alone else WORST_MISFIT) or best.theta[CONTRAST] < LEAST_CONTRAST * noise:
         return None
     if len(fits) > 1 and fits[1][0] < CLEARER**2 * best.chi2:
         return None
