@@ -8,7 +8,16 @@ from scipy.spatial import cKDTree
 from testfield.detect.rune_dots import name_rune
 from testfield.scene.board_parts import RuneTagPart
 from testfield.targets.board_pattern import BoardPattern
-from testfield.targets.rune_code import APART, DOT, SECTORS, places_of_rune, rune_code, symbols_of, word_of_rune
+from testfield.targets.rune_code import (
+    _GENERATOR,
+    APART,
+    DOT,
+    SECTORS,
+    places_of_rune,
+    rune_code,
+    symbols_of,
+    word_of_rune,
+)
 
 MM = 200.0
 
@@ -47,6 +56,19 @@ def test_words_are_of_a_cyclic_code_whose_turns_differ_in_30_symbols() -> None:
     assert np.sort(apart.ravel())[40] >= APART
     # Linear and cyclic: seven words of the code and their turns span no more than seven dimensions over GF(7).
     assert _rank(np.concatenate([np.roll(some, k, axis=1) for k in (0, 5, 17)]).astype(int)) == 7
+
+
+def test_a_number_is_that_of_the_message_and_of_one_turn() -> None:
+    """Dividing by the generator gives the message, of whose digits a number is made; 16 turns by a sector mod 173."""
+    code = rune_code()
+    for row in (0, 77, 9_000, 16_999):
+        left, digits = code.word[row].astype(int), []
+        for k in range(6, -1, -1):
+            digits.append(int(left[k + 36]))
+            left[k : k + 37] = (left[k : k + 37] - digits[-1] * np.array(_GENERATOR)) % 7
+        assert not left.any()
+        assert int("".join(map(str, digits[1:])), 7) == code.number[row]
+        assert sum(int(c) * pow(16, j, 173) for j, c in enumerate(code.word[row])) % 173 in (1, 2, 4, 8)
 
 
 def _rank(rows: np.ndarray) -> int:

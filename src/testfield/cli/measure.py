@@ -27,10 +27,9 @@ def add(commands: Any) -> None:
     what.add_argument(
         "--target",
         metavar="KIND",
-        help="the targets, of which nothing is certified: ring14, or a board, its lengths in mm: checkerboard:9x6:25, "
-        "charuco:7x5:DICT_4X4_50:30:22, circles:10x8:25:15, acircles:4x11:20:12, hexcircles:14x24:12:10, "
-        "tags:5x7:DICT_6X6_50:30:24, "
-        "aprilgrid:6x6:88:26.4",
+        help="the targets, of which nothing is certified: ring14, cctag:3, or a board, its lengths in mm: "
+        "checkerboard:9x6:25, charuco:7x5:DICT_4X4_50:30:22, circles:10x8:25:15, acircles:4x11:20:12, "
+        "hexcircles:14x24:12:10, tags:5x7:DICT_6X6_50:30:24, aprilgrid:6x6:88:26.4",
     )
     p.add_argument(
         "--observations", type=Path, metavar="FILE", help="what `testfield detect` wrote (or its folder), not images"
@@ -178,9 +177,11 @@ def _targets(args: argparse.Namespace) -> tuple[Any, str, Path, Any, tuple]:
         source, kind_of, beside = str(args.field), f"{args.field}, target.kind", args.field.parent
         field = load_field_file(args.field)
     target, patterns = parse_target(field.target.kind, kind_of), patterns_of(field, source)
-    if not patterns and target.kind not in ("ring", "circles"):
+    if not patterns and target.kind not in ("ring", "circles", "cctag"):
         raise TestfieldError(
-            f"'{field.target.kind}' cannot be measured", kind_of, "ring codes can, and boards that say where tags lie"
+            f"'{field.target.kind}' cannot be measured",
+            kind_of,
+            "ring codes and CCTags can, and boards that say where tags lie",
         )
     if patterns and target.kind == "ring":
         raise TestfieldError(
