@@ -8,10 +8,11 @@ patent DE 197 33 466 A1, worked out by hand or on words as texts.
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
-from testfield.camera.photograph import read_photograph
+from testfield.camera.photograph import photograph_of, read_photograph
 from testfield.detect.photograph import ON_WHITE, detect_in_photograph
 from testfield.detect.target_spec import parse_target
 from testfield.targets.ring_code import code_words, number_of_word, word_of_number
@@ -117,3 +118,30 @@ def test_numbers_of_12_14_and_20_bits_are_those_of_micmac() -> None:
     assert {number: int(code_words(14)[number - 1]) for number in of_14} == of_14
     of_20 = {1: 1025, 100: 1421, 257: 2055, 640: 4117, 767: 5129, 1000: 6071, 24777: 489343, 24793: 523775}
     assert {number: int(code_words(20)[number - 1]) for number in of_20} == of_20
+
+
+@pytest.mark.parametrize(
+    ("bits", "shape", "words"),
+    [
+        (12, "1:2:3", {1: 65, 40: 277, 110: 821, 147: 2015}),
+        (14, "1:2:3", {33: 263, 100: 669, 334: 2343, 509: 7023}),
+        (20, "1:2.5:4", {100: 1421, 640: 4117, 1000: 6071, 24777: 489343}),
+    ],
+)
+def test_codes_as_micmac_draws_them_have_its_numbers(bits: int, shape: str, words: dict[int, int]) -> None:
+    """Its targets "CERN" (MMVII/src/CodedTarget/cGenerateTarget.cpp): white on black, bit k of the word in the sector
+    k counter-clockwise from the right; rings from 2 to 3 radii of the dot, with 20 bits from 2.5 to 4."""
+    inner, outer = (float(part) for part in shape.split(":")[1:])
+    fine, pitch = 4, 160
+    y, x = (np.mgrid[: pitch * fine, : pitch * fine] + 0.5) / fine - pitch / 2 - 0.2
+    rho, sector = np.hypot(x, y) / 16, (np.arctan2(-y, x) % (2 * np.pi) / (2 * np.pi) * bits).astype(int)
+    ring = (rho > inner) & (rho < outer)
+    white = [(rho < 1) | (ring & ((word >> sector) & 1 == 1)) for word in words.values()]
+    fine_dn = 30 + 170 * np.hstack(white).astype(float)
+    sharp = fine_dn.reshape(pitch, fine, -1, fine).mean(axis=(1, 3))
+    image = cv2.GaussianBlur(sharp, (0, 0), 0.7) + np.random.default_rng(0).normal(0, 2, sharp.shape)
+    o = detect_in_photograph(
+        photograph_of("drawn", image.round().astype(np.uint8)), parse_target(f"ring{bits}"), shape
+    ).observations
+    coded = np.flatnonzero(o.code > 0)
+    assert o.code[coded][np.argsort(o.xy_px[coded, 0])].tolist() == list(words)
