@@ -15,6 +15,7 @@ from testfield.camera.project import project
 from testfield.certify.light import block_means
 from testfield.chain.run import begin, resume
 from testfield.cli.main import main
+from testfield.errors import TestfieldError
 from testfield.render.fast import render_fast
 from testfield.render.irradiance import Irradiance, compute_irradiance
 from testfield.render.mesh_light import _interpolation_error, node_weights
@@ -24,7 +25,8 @@ from testfield.scene.bodies import facing_outwards
 from testfield.scene.build import build_world
 from testfield.scene.load import load_scene, parse_scene
 from testfield.scene.meshes import inside, turned
-from testfield.scene.stickers import LIFT_MM, nearest
+from testfield.scene.stickers import LIFT_MM, nearest, stickers
+from testfield.scene.target_parts import CheckOnMesh
 from testfield.scene.truth import see
 from testfield.scene.world import BOARD, AreaLight, Panels, PointLight, TrueMarks, TrueMesh, World
 from testfield.targets.field import Field
@@ -270,6 +272,43 @@ def test_stickers_touch_the_surface_apart_from_each_other_and_face_where_they_sh
     assert (again.mark_world_mm == world.mark_world_mm).all()
     # Each is seen whole from somewhere, so the mesh does not hide what sticks on it.
     assert ((see(world).visible == 1).any(axis=0))[check].all()
+
+
+def tank(facets: int) -> TrueMesh:
+    """A closed cylinder about z, of radius 160 and height 600 mm, with an edge at x = 0 in front."""
+    turn = 2 * np.pi * np.arange(facets) / facets
+    rim = np.column_stack([160 * np.sin(turn), -160 * np.cos(turn), np.zeros(facets)])
+    ends = np.array([[0, 0, -300.0], [0, 0, 300]])
+    i, j = np.arange(facets), (np.arange(facets) + 1) % facets
+    low, high = np.full(facets, 2 * facets), np.full(facets, 2 * facets + 1)
+    corners = [(i, j, facets + j), (i, facets + j, facets + i), (low, j, i), (high, facets + i, facets + j)]
+    faces = np.vstack([np.column_stack(three) for three in corners])
+    return TrueMesh("tank", np.vstack([rim + ends[0], rim + ends[1], ends]), faces, 0.5, True)
+
+
+def on_tank(facets: int, *points_mm: tuple[float, float, float]) -> list:
+    part = CheckOnMesh(generator="on_mesh", mesh="tank", first_code=1, diameter_mm=10, points_mm=points_mm)
+    return stickers((part,), 1, (tank(facets),), 2.5)
+
+
+def test_a_sticker_lies_evenly_across_an_edge_of_a_curved_surface_and_never_over_a_rim() -> None:
+    for facets in (16, 24, 32, 96):
+        for x in (0.0, 0.1, 3.0, 10.0):
+            _, at, normal, _ = on_tank(facets, (x, -160.0, 0.0))[0]
+            assert np.degrees(np.arccos(-normal[1])) <= 180 / facets + 1e-6
+            assert np.linalg.norm(at - (x, -160, 0)) < 3
+    _, at, normal, _ = on_tank(24, (0.0, -160.0, 0.0))[0]
+    assert normal == pytest.approx([0, -1, 0], abs=1e-6)
+    assert at == pytest.approx([0, -160 - LIFT_MM, 0], abs=1e-3)
+    for z in (300.0, 295.0, 310.0):
+        with pytest.raises(TestfieldError, match="not under all of it"):
+            on_tank(24, (0.0, -160.0, z))
+
+
+def test_a_point_far_from_its_mesh_is_refused_with_its_distance() -> None:
+    assert len(on_tank(24, (0.0, -185.0, 0.0))) == 1
+    with pytest.raises(TestfieldError, match=r"points_mm\[1\].* 8700 mm away"):
+        on_tank(24, (0.0, -160.0, 0.0), (0.0, 0.0, 9000.0))
 
 
 def test_nodes_of_a_face_interpolate_linear_light_exactly() -> None:

@@ -14,6 +14,8 @@ LIFT_MM = 0.05
 TRIES = 500
 BULGE = 0.1
 """What is further than this part of a sticker's side from its plane does not lie under it."""
+ASTRAY = 0.1
+"""A point this part of a mesh's size away from it, and more than a sticker's width, is no place on the mesh."""
 
 Place = tuple[np.ndarray, np.ndarray]
 
@@ -23,10 +25,12 @@ def stickers(
 ) -> list[tuple[int, np.ndarray, np.ndarray, float]]:
     """Targets on meshes: code, middle of the sticker (3,), unit normal (3,), diameter.
 
-    A sticker is stiff: it is parallel to the face it is put on and rests on the highest point under it.
+    A sticker is stiff: it is parallel to the face it is put on, or lies evenly on the faces that meet under it where
+    these turn away from each other, and rests on the highest point under it.
 
     Stickers are squares of `side_in_diameters` dot diameters. Raises `TestfieldError` where no mesh has the name, where
-    two stickers overlap or reach over an edge, or where random ones do not find enough room.
+    a point is far from its mesh, where two stickers overlap or reach over an edge, or where random ones do not find
+    enough room.
     """
     found = []
     taken: dict[str, list[tuple[np.ndarray, float]]] = {mesh.name: [] for mesh in meshes}
@@ -39,8 +43,9 @@ def stickers(
             raise TestfieldError(f"no mesh is called '{part.mesh}'", f"{where}.mesh")
         side = side_in_diameters * part.diameter_mm
         if part.points_mm is not None:
-            places = [nearest(mesh, np.array([point])) for point in part.points_mm]
-            places = [(place[0], normal[0]) for place, normal in places]
+            places = [
+                _laid(mesh, np.array(point), side, f"{where}.points_mm[{k}]") for k, point in enumerate(part.points_mm)
+            ]
             _apart(places, side, taken[mesh.name], f"{where}.points_mm")
             _supported(mesh, places, side, f"{where}.points_mm")
         else:
@@ -62,6 +67,30 @@ def nearest(mesh: TrueMesh, points_mm: np.ndarray) -> tuple[np.ndarray, np.ndarr
         faces[k] = np.argmin(np.linalg.norm(on_faces - point, axis=1))
         places[k] = on_faces[faces[k]]
     return places, mesh.normals[faces]
+
+
+def _laid(mesh: TrueMesh, point_mm: np.ndarray, side_mm: float, where: str) -> Place:
+    """Where a sticker for a point (3,) is laid, and its normal (3,). Raises `TestfieldError` for a point far away."""
+    from trimesh.triangles import closest_point
+
+    at, normals = nearest(mesh, point_mm[None])
+    away, most = float(np.linalg.norm(point_mm - at[0])), max(side_mm, ASTRAY * 2 * mesh.sphere[1])
+    if away > most:
+        there = ", ".join(f"{value:.0f}" for value in at[0])
+        raise TestfieldError(
+            f"the point is {away:.0f} mm away from '{mesh.name}', where {most:.0f} mm are taken for a place on it",
+            where,
+            f"give a point on its surface, in the world's frame and mm; the nearest is ({there})",
+        )
+    if not _under_all_corners(mesh, at, normals, side_mm)[0]:
+        # A curved body of few facets turns by degrees at every edge between them; across one, no facet's own plane is
+        # near the surface on both sides, but the mean of theirs is. At a rim of 90 degrees that is not near it either.
+        near = np.linalg.norm(closest_point(mesh.corners_mm, np.tile(at, (len(mesh.faces), 1))) - at, axis=1)
+        alike = np.unique(np.round(mesh.normals[near <= side_mm / 2], 6), axis=0)
+        mean = alike.mean(axis=0)
+        if np.linalg.norm(mean) > 0.5:
+            normals = unit(mean)[None]
+    return at[0], normals[0]
 
 
 def _apart(places: list[Place], side_mm: float, taken: list[tuple[np.ndarray, float]], where: str) -> None:
