@@ -1206,7 +1206,11 @@ FAMILIES = [
         CCTAG_SLANTED,
     ),
     Defect(
-        "a tag may fit as badly as it likes", "_read", "best.misfit > WORST_MISFIT", "best.misfit > 9", CCTAG_CLUTTER
+        "a tag may fit as badly as it likes",
+        "_read",
+        "best.misfit > (ALONE_MISFIT if alone else WORST_MISFIT)",
+        "best.misfit > 9",
+        CCTAG_CLUTTER,
     ),
     Defect(
         "the bits of an AprilGrid are read inside out",
