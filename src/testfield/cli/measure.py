@@ -146,7 +146,9 @@ def _measure(args: argparse.Namespace) -> int:
     result = replace(result, calibration=replace(result.calibration, notes=(*trouble, *result.calibration.notes)))
     summary = write_measurement(result, field, out, tuple(str(p) for p in args.images or [args.observations]))
     for title, value in summary["figures"]:
-        print(f"{title:<48}{value}", file=say)
+        print(f"{title:<48} {value}", file=say)
+    for doubt in summary["doubts"]:
+        print(f"doubtful: {doubt}", file=say)
     for note in result.calibration.notes:
         if note not in summary["failures"]:
             print(f"note: {note}", file=say)

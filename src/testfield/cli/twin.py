@@ -63,7 +63,11 @@ def _twin(args: argparse.Namespace, out: Path) -> int:
     job = load_job(args.run / JOB)
     named = job.option("--field")
     if named is None or job.cameras:
-        raise TestfieldError("a twin is written of one camera and a field file", str(args.run / JOB), "measure so")
+        raise TestfieldError(
+            "a twin is written of a job of one camera that was measured with a field file",
+            str(args.run / JOB),
+            "measure again with --field FIELD.toml, whose [target] says what --target did (scenes/README.md)",
+        )
     measured = Measured.load(args.run)
     field, source = load_field_file(Path(named)), Path(named)
     target = parse_target(field.target.kind, f"{source}, target.kind")

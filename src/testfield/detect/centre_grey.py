@@ -44,8 +44,9 @@ def _centres(found: np.ndarray, sheet: SensorSheet, origin: np.ndarray) -> Centr
     centre = sums[:, 1:3] / total[:, None]
     # First-order propagation of the pixels' noise through the ratio of sums. Variance is linear in a pixel's level.
     at_threshold, at_white = (sheet.variance_dn2(level) for level in (threshold, white))
-    slope = (at_white - at_threshold) / np.where(white > black, white - threshold, np.inf)
-    noise = at_threshold[:, None] * counts + slope[:, None] * sums
+    with np.errstate(invalid="ignore"):  # of what is no target, levels may be infinite
+        slope = (at_white - at_threshold) / np.where(white > black, white - threshold, np.inf)
+        noise = at_threshold[:, None] * counts + slope[:, None] * sums
     covariance = _about(noise, centre) / (total**2)[:, None, None]
     area = np.maximum(counts[:, 0], 1)
     # Which pixels pass the threshold depends on how the dot lies on the grid.

@@ -143,7 +143,8 @@ def measure_targets(
         blobs = blobs_of(finder(image, sheet, smallest_px, largest_px))
     begins = RING_BEGINS if bits is None else min(radii.inner, RING_BEGINS)
     rough = find("centroids", ROUGH)(image, sheet, blobs.xy_px, blobs.moments_px2, ring_begins=begins)
-    noise = np.sqrt(sheet.variance_dn2(np.nan_to_num(rough.background_dn + rough.contrast_dn / 2)))
+    with np.errstate(invalid="ignore"):  # of what is no target, levels may be infinite
+        noise = np.sqrt(sheet.variance_dn2(np.nan_to_num(rough.background_dn + rough.contrast_dn / 2)))
     of_size = rough.ok & (_diameter(rough.moments_px2) > 0.7 * smallest_px)
     rough_ok = of_size & may_be_dots(image, rough.xy_px, rough.moments_px2, rough.contrast_dn, noise, begins)
     xy, moments, cut = rough.xy_px[rough_ok], rough.moments_px2[rough_ok], blobs.cut[rough_ok]

@@ -15,6 +15,7 @@ from testfield.calibrate.one_of_several import of_camera
 from testfield.calibrate.rejections import lossy
 from testfield.calibrate.ties import point_name
 from testfield.detect.observations import MEASURED
+from testfield.measure.doubts import doubts_of
 from testfield.measure.photographs import Measurement
 from testfield.report import figures
 from testfield.report.measured_figures import coverage, residual_vectors, smooth_part
@@ -74,6 +75,7 @@ def write_measurement(result: Measurement, field: FieldFile, folder: Path, image
         "certificates": list(result.calibration.certificates),
         "failures": list(result.calibration.failures),
         "passed": not result.calibration.failures,
+        "doubts": list(doubts_of(result)),
         "notes": list(result.calibration.notes),
     }
     with whole(folder / "measurement.json") as path:
@@ -144,7 +146,9 @@ def _figures(result: Measurement) -> list[tuple[str, str]]:
         rows.append(
             ("check distance, measured minus certified", f"{off:+.4f} mm (u {both:.2g} mm), {verdict}: E_n {en:+.2f}")
         )
-    rows.append(("verdict", f"NOT passed: {len(c.failures)} failure(s)" if c.failures else "nothing failed"))
+    doubts = len(doubts_of(result))
+    doubtful = f"doubtful, for {doubts} reason{'s' * (doubts > 1)}" if doubts else "nothing failed"
+    rows.append(("verdict", f"NOT passed: {len(c.failures)} failure(s)" if c.failures else doubtful))
     return rows
 
 
@@ -188,6 +192,7 @@ def _page(
         points=rows,
         images=images,
         failures=c.failures,
+        doubts=doubts_of(result),
         groups=lossy(c.rejections),
         certificates=c.certificates,
     )
