@@ -10,6 +10,7 @@ from conftest import SCENES
 
 import testfield as tf
 from testfield.chain.run import checked
+from testfield.errors import TestfieldError
 from testfield.scene.load import load_scene
 
 BOARD = {"kind": "ring codes 500x360", "spin_deg": 2}
@@ -48,6 +49,25 @@ def test_a_scene_written_in_python_is_the_one_in_its_file(tmp_path: Path) -> Non
     assert [board.name for board in scene.check().boards] == ["A", "B"]
     run, _, _ = checked(scene.described(), tmp_path / "run", None, 1)
     assert len(run.stations) == 12
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "words"),
+    [
+        ("camera.focal_lenght_mm", 9, "did you mean 'focal_length_mm'"),
+        ("boards.A.bowmm", 2, "did you mean 'bow_mm'"),
+        ("camera.focal_length_mm", "nine", '"nine".*number'),
+        ("boards.A.size_mm", [500, -360], "-360"),
+        ("name.first", 3, "no such place"),
+    ],
+)
+def test_set_refuses_a_wrong_field_or_value_at_once_and_changes_nothing(path: str, value: object, words: str) -> None:
+    for scene in (tf.Scene.load("quick"), cell(), tf.Scene("begun").board("A")):
+        before = scene.text()
+        with pytest.raises(TestfieldError, match=words):
+            scene.set(path, value)
+        assert scene.text() == before
+        scene.set("boards.A.bow_mm", 2).set("camera.focal_length_mm", 9)  # what is missing elsewhere is no hindrance
 
 
 def test_a_plan_needs_no_file() -> None:

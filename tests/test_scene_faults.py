@@ -42,6 +42,43 @@ size_mm = [
 """
 
 
+def test_faults_of_a_scene_do_not_hide_each_other() -> None:
+    text = """
+name = "four"
+seeed = 3
+
+[camera]
+width_px = "wide"
+
+[[meshes]]
+name = "tank"
+file = "nowhere.stl"
+
+[[boards]]
+name = "A"
+kind = "crad"
+bow_mm = "much"
+bowl_mm = 3
+
+[[stations]]
+kind = "rwo"
+radius_mm = 3
+
+[[boards]]
+name = "B"
+"""
+    assert [place.partition(", ")[2] for place in faults(text)] == [
+        "boards[0].kind",
+        "stations[0].kind",
+        "seeed",
+        "boards[0].bowl_mm",
+        "camera.width_px",
+        "boards[0].bow_mm",
+        "boards[1].position_mm",
+        "meshes[0].file",
+    ]
+
+
 def leaves(value: Any, at: Location = ()) -> list[Location]:
     """Locations of all values that are neither tables nor lists."""
     if isinstance(value, dict):

@@ -48,6 +48,37 @@ COMPARISONS = {
 }
 
 
+def test_a_field_file_is_taken_for_one_and_every_fault_is_named(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    path = tmp_path / "field.toml"
+    path.write_text('[target]\nkind = "ring14"\n[[distances]]\ncodes = [3, 9]\nlength_mm = 700\n')
+    assert main(["validate", str(path), "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert (said["valid"], said["target"], said["distances"]) == (True, "ring14", 1)
+    path.write_text('[target]\nkidn = "ring14"\n[[distances]]\ncodes = [3, 3]\nlength_mm = -700\n')
+    assert main(["validate", str(path)]) == 2
+    told = capsys.readouterr().err
+    assert "field.toml:2, target.kidn" in told
+    assert "field.toml:5, distances[0].length_mm" in told
+    for text, words in (("ring15", "15 bits"), ('ring14"\ncodes = "nowhere.csv', "nowhere.csv")):
+        path.write_text(f'[target]\nkind = "{text}"\n')
+        assert main(["validate", str(path)]) == 2
+        assert words in capsys.readouterr().err
+
+
+def test_marks_and_bars_that_cannot_serve_are_named(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    import testfield as tf
+
+    scene = tf.Scene.load("quick").set("scale_bars.control bar.position_mm", [0, -12000, 960])
+    path = scene.save(tmp_path / "bar.toml")
+    assert main(["validate", str(path), "--json"]) == 0
+    told = [said for said in json.loads(capsys.readouterr().out)["warnings"] if "control bar" in said]
+    assert len(told) == 2
+    assert all("101" in said and "102" in said for said in told)
+    planned = scene.plan()["warnings"]
+    assert any("'control bar'" in said for said in planned)
+    assert not any("rests on one control bar" in said for said in planned)
+
+
 @pytest.mark.parametrize("text", [*RECIPES, *COMPARISONS], ids=range(len(RECIPES) + len(COMPARISONS)))
 def test_every_fault_of_a_recipe_or_comparison_has_a_sentence(
     text: str, tmp_path: Path, capsys: pytest.CaptureFixture

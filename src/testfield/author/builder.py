@@ -9,7 +9,7 @@ import tomlkit
 from pydantic import BaseModel
 
 from testfield.author.station_lists import Stations
-from testfield.errors import TestfieldError, nearest
+from testfield.errors import Faults, TestfieldError, faults_in, nearest
 from testfield.scene.board_parts import BoardPart
 from testfield.scene.camera_parts import CameraPart, ExposurePart, NamedCameraPart, RigPart, SensorPart
 from testfield.scene.changes import Change, locate
@@ -20,7 +20,9 @@ from testfield.scene.room_parts import AreaLightPart, MeshPart, PaintPart, Point
 from testfield.scene.schema import MeasurePart, RenderPart, SceneFile, VolumePart
 from testfield.scene.shipped import find_scene
 from testfield.scene.target_parts import CheckGrid, CheckOnBoard, CheckOnMesh, CheckRandom, CheckSingle, ScaleBarPart
+from testfield.store.faults import place_of
 from testfield.store.text import write_text
+from testfield.store.toml_lines import Location
 
 Point = Sequence[float]
 TARGETS: dict[str, type[BaseModel]] = {
@@ -39,8 +41,8 @@ class SceneText:
     """The text of a scene that is being written: `document`, with comments where it was loaded; files that it names are
     relative to `folder`, and `path` is where it came from. Every method of a part returns the scene itself.
 
-    A field that does not exist raises `TestfieldError` at once, with the nearest name; values are checked all together
-    by `check`, `save` and whatever uses the scene.
+    A field that does not exist raises `TestfieldError` at once, with the nearest name, and `set` refuses a value that
+    is wrong for itself; all values are checked together by `check`, `save` and whatever uses the scene.
     """
 
     document: tomlkit.TOMLDocument
@@ -68,8 +70,13 @@ class SceneText:
     # ---------------------------------------------------------------- parts
 
     def set(self, path: str, value: Any) -> Self:
-        """Set a field by its path, as `--set` does: `set("boards.A.bow_mm", 2)`. Comments stay."""
+        """Set a field by its path, as `--set` does: `set("boards.A.bow_mm", 2)`. Comments stay.
+
+        Raises `TestfieldError` for a field that there is not, and for a value that it cannot have, whatever else is
+        missing or wrong; the scene is as before.
+        """
         location: list[Any] = list(locate(self.document, Change(path, value), f"{self.name}.set"))
+        self._refuse(tuple(location), value, f"{self.name}.set {path}")
         inside: Any = self.document
         for step in location[:-1]:
             inside = inside.setdefault(step, tomlkit.table()) if isinstance(inside, dict) else inside[step]
@@ -224,6 +231,17 @@ class SceneText:
 
     # ---------------------------------------------------------------- how
 
+    def _refuse(self, location: Location, value: Any, where: str) -> None:
+        """Raise `TestfieldError` for what is wrong at a location, or below, if it has this value."""
+        place = place_of(location)
+        try:
+            scene_from(self.described().with_values({location: _plain(value)}, {}))
+        except TestfieldError as error:
+            own = [one for one in faults_in(error) if _is_at(one.where.rpartition(", ")[2], place)]
+            if own and location[-1] != FIELD:  # a kind may be declared later
+                told = [TestfieldError(one.what, where, one.do) for one in own]
+                raise (told[0] if len(told) == 1 else Faults(told)) from error
+
     def _one(self, key: str, model: type[BaseModel], fields: dict[str, Any]) -> Self:
         self._fill(self._table(key), model, fields)
         return self
@@ -251,6 +269,10 @@ class SceneText:
                 raise TestfieldError(f"unknown field '{name}'", f"{self.name}, {_called(model)}", nearest(name, known))
             if value is not None:
                 table[name] = _plain(value)
+
+
+def _is_at(found: str, place: str) -> bool:
+    return found == place or found.startswith((f"{place}.", f"{place}["))
 
 
 def _called(model: Any) -> str:

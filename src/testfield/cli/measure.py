@@ -94,7 +94,7 @@ def _measure(args: argparse.Namespace) -> int:
     from testfield.report.measured import write_measurement
     from testfield.targets.code_table import codes_for
 
-    field, source, beside, target, patterns = _targets(args)
+    field, source, beside, target, patterns = targets_of(args)
     hold = tuple(name.strip() for name in args.hold.split(",") if name.strip())
     check_held(hold, args.lens, "--hold")
     check_shown(args.bayer, args.smallest_px, args.jobs)
@@ -158,7 +158,7 @@ def _measure(args: argparse.Namespace) -> int:
     return status_of(summary["failures"], args.strict)
 
 
-def _targets(args: argparse.Namespace) -> tuple[Any, str, Path, Any, tuple]:
+def targets_of(args: argparse.Namespace) -> tuple[Any, str, Path, Any, tuple]:
     """The field, where it stands, the folder beside it, its targets and the boards that calibrate.
 
     Raises `TestfieldError` for targets that cannot be measured.

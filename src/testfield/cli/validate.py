@@ -1,4 +1,4 @@
-"""`testfield validate FILE`: check a scene, a sweep, a recipe, a comparison or a suite without rendering."""
+"""`testfield validate FILE`: check a scene, a sweep, a recipe, a comparison, a suite or a field without rendering."""
 
 import argparse
 from pathlib import Path
@@ -15,14 +15,14 @@ def add(commands: Any) -> None:
     """Enter the command."""
     p = commands.add_parser(
         "validate",
-        help="check a scene, a recipe, a comparison or a suite and say what it holds, without rendering",
+        help="check a scene, a recipe, a comparison, a suite or a field file and say what it holds, without rendering",
         description=__doc__,
     )
     p.add_argument(
         "scene",
         type=Path,
         metavar="FILE",
-        help="a scene file (TOML), or the name of one that comes along; a recipe's, a comparison's or a suite's file",
+        help="a scene file (TOML), or the name of one that comes along; a file of a recipe, comparison, suite or field",
     )
     p.add_argument("--json", action="store_true", help="print one JSON object")
     add_load(p)
@@ -37,6 +37,7 @@ def act(args: argparse.Namespace) -> int:
     from testfield.scene.document import VARY
     from testfield.scene.schema import SceneFile
     from testfield.store.toml import toml_or_nothing
+    from testfield.targets.field_file import is_field_file
 
     if is_comparison(args.scene):
         return _comparison(args)
@@ -45,6 +46,8 @@ def act(args: argparse.Namespace) -> int:
         return _recipe(args)
     if is_suite(data):
         return _suite(args)
+    if is_field_file(data, SceneFile.model_fields):
+        return _field(args)
     if VARY in data and "scene" in data:
         return _sweep(args)
     return _scene(args)
@@ -88,6 +91,33 @@ def _scene(args: argparse.Namespace) -> int:
         print(json.dumps({"scene": str(path), "valid": True, "warnings": warnings} | held))
     else:
         _show(path, held)
+    return 0
+
+
+def _field(args: argparse.Namespace) -> int:
+    """What a field file of `testfield measure` declares, with its tables of codes and kinds of boards checked."""
+    import json
+
+    from testfield.cli.measure import targets_of
+    from testfield.targets.code_table import codes_for
+
+    args.field = args.scene
+    file, source, beside, target, _ = targets_of(args)
+    codes_for(file.target.codes, target.bits, f"{source}, target.codes", beside)
+    held = {
+        "target": file.target.kind,
+        "certified_codes": sum(len(board.points) for board in file.boards),
+        "groups": len(file.groups),
+        "distances": len(file.distances),
+        "patterns": len(file.calibrating),
+        "cameras": len(file.cameras),
+        "rigs": len(file.rigs),
+    }
+    if args.json:
+        print(json.dumps({"field": str(args.scene), "valid": True, "warnings": [], "name": file.name} | held))
+        return 0
+    print(f"{args.scene}: {good('valid')}, a field file of `testfield measure`")
+    print("  " + ", ".join(f"{name}: {value}" for name, value in held.items()))
     return 0
 
 

@@ -101,9 +101,16 @@ def _control(found: Prediction) -> list[str]:
     notes = []
     if count := int(found.reliability.uncontrolled.sum()):
         notes.append(f"{count} observation(s) are controlled by no other: their errors would show in no residual")
-    bars = found.job.field.scale_bars
+    bars, used = found.job.field.scale_bars, set(found.planned.bars)
+    lost = list(dict.fromkeys(f"'{bar.name}'" for bar in bars if found.rows(bar.codes) is None))
+    if lost:
+        more = f" and {len(lost) - NAMED} more" if len(lost) > NAMED else ""
+        notes.append(
+            f"scale bars of which fewer than two stations see an end, which give and check no scale: "
+            f"{', '.join(lost[:NAMED])}{more}"
+        )
     if not any(bar.role == "check" and found.rows(bar.codes) is not None for bar in bars):
-        control = [bar for bar in bars if bar.role == "control"]
+        control = [bar for bar in bars if bar.role == "control" and bar.name in used]
         rests = "on one control bar" if len(control) == 1 else "on the prints" if not control else ""
         if rests:
             notes.append(f"the scale rests {rests}, and no check bar would show that it is wrong")

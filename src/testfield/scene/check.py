@@ -15,8 +15,11 @@ from testfield.scene.parts import ScenePart
 from testfield.scene.schema import SceneFile
 from testfield.scene.truth import Views
 from testfield.scene.world import World
+from testfield.targets.field import TIME
 
 DECODABLE_PX = 8.0
+NAMED = 6
+"""Panels, and codes on each, that a warning names."""
 FACES_DEG = 75.0
 LEAST_CODES, LEAST_MARKS = 2, 8
 """What an image must show of a board to tell where it is."""
@@ -129,7 +132,9 @@ def _sizes(world: World, views: Views, source: str) -> list[str]:
         )
     never = np.flatnonzero(largest == 0)
     if len(never):
-        warnings.append(f"{source}: {len(never)} of {len(coded)} marks are fully seen by no station")
+        whole = f"{len(never)} of {len(coded)} marks are fully seen by no station"
+        warnings.append(f"{source}: {whole}: {_named_marks(world, never)}")
+    warnings += [f"{source}, {said}" for said in _bars_without_scale(world, usable)]
     small = np.flatnonzero(coded & (largest > 0) & (largest < DECODABLE_PX))
     if len(small):
         k = small[np.argmin(largest[small])]
@@ -139,6 +144,42 @@ def _sizes(world: World, views: Views, source: str) -> list[str]:
             f"'{panel}' is {largest[k]:.1f} px wide at best and needs {DECODABLE_PX:.0f}"
         )
     return warnings
+
+
+def _named_marks(world: World, marks: np.ndarray) -> str:
+    """The first of some marks by their panels, as `'A' (code 3, 12 dots), 'bar' (code 101)`."""
+    owners: dict[str, list[int]] = {}
+    for code, panel in zip(world.marks.code[marks], world.marks.panel[marks], strict=True):
+        owners.setdefault(world.panels.name[panel], []).append(int(code))
+    said = []
+    for name, codes in list(owners.items())[:NAMED]:
+        rings = [_code(code) for code in codes if code > 0]
+        dots = len(codes) - len(rings)
+        parts = [f"code{'s' * (len(rings) > 1)} {', '.join(rings[:NAMED])}"] if rings else []
+        parts += [f"{len(rings) - NAMED} more codes"] if len(rings) > NAMED else []
+        parts += [f"{dots} dot{'s' * (dots > 1)} or corner{'s' * (dots > 1)}"] if dots else []
+        said.append(f"'{name}' ({', '.join(parts)})")
+    more = f" and some of {len(owners) - NAMED} more" if len(owners) > NAMED else ""
+    return ", ".join(said) + more
+
+
+def _code(code: int) -> str:
+    return f"{code % TIME} at time {code // TIME}" if code > TIME else str(code)
+
+
+def _bars_without_scale(world: World, usable: np.ndarray) -> list[str]:
+    """Bars of which an end is seen whole by fewer than two stations, (s, n) `usable`: no rays meet there."""
+    said: dict[str, str] = {}
+    for bar in world.field.scale_bars:
+        counts = [int(usable[:, world.marks.code == code].sum()) for code in bar.codes]
+        if min(counts) < 2:
+            ends = " and ".join(f"code {_code(code)} by {n}" for code, n in zip(bar.codes, counts, strict=True))
+            use = "give scale" if bar.role == "control" else "check the scale"
+            said[bar.name] = (
+                f"scale bar '{bar.name}': it cannot {use}, because no two stations see each of its ends whole "
+                f"({ends}); move it or add stations"
+            )
+    return list(said.values())
 
 
 def _why_unseen(world: World, views: Views, board: int) -> str:

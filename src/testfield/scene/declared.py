@@ -4,8 +4,13 @@ what the catalogue declares for all scenes."""
 from copy import deepcopy
 from typing import Any
 
-from testfield.errors import TestfieldError, nearest
+from testfield.errors import Faults, TestfieldError, nearest
 from testfield.scene.catalogue import catalogue
+from testfield.store.faults import place_of
+from testfield.store.toml_lines import Location
+
+Strange = tuple[Location, TestfieldError]
+"""A place in a scene and what is wrong with the kind that stands there."""
 
 TABLE, FIELD = "kinds", "kind"
 USERS = ("boards", "cameras", "scale_bars", "check_targets", "measuring_lines", "stations")
@@ -35,33 +40,50 @@ def with_catalogue(data: dict[str, Any]) -> bool:
 
 def expanded(data: dict[str, Any], source: str) -> dict[str, Any]:
     """A scene's data in which every entry of a declared kind has the fields of its kind; its own come first, within
-    tables too. Raises `TestfieldError` for a kind that is not declared."""
+    tables too. Raises `TestfieldError` for kinds that are not declared."""
+    whole, faults = expanded_but(data, source)
+    if faults:
+        raise faults[0][1] if len(faults) == 1 else Faults([fault for _, fault in faults])
+    return whole
+
+
+def expanded_but(data: dict[str, Any], source: str) -> tuple[dict[str, Any], list[Strange]]:
+    """A scene's data as `expanded` gives them, where entries of a kind that is not declared stay without it, and the
+    places and faults of these. Raises `TestfieldError` where [kinds] is no list of tables."""
+    strange: list[Strange] = []
     kinds = data.get(TABLE)
     if kinds is None:
         kinds = {}
     if not isinstance(kinds, dict) or not all(isinstance(kind, dict) for kind in kinds.values()):
         raise TestfieldError("this is no list of tables", f"{source}, {TABLE}", "write [kinds.NAME] and its fields")
+    declared: dict[str, Any] = kinds
+
+    def of_kind(entry: Any, location: Location, users: str) -> Any:
+        try:
+            return _of_kind(entry, declared, f"{source}, {place_of(location)}", users)
+        except TestfieldError as fault:
+            strange.append((location, fault))
+            return {key: value for key, value in entry.items() if key != FIELD}
+
     whole = {key: value for key, value in data.items() if key != TABLE}
     for users in USERS:
         entries = whole.get(users)
         if isinstance(entries, list):
-            whole[users] = [_of_kind(one, kinds, f"{source}, {users}[{k}]", users) for k, one in enumerate(entries)]
+            whole[users] = [of_kind(one, (users, k), users) for k, one in enumerate(entries)]
     room = whole.get("room")
     if isinstance(room, dict) and isinstance(room.get("lights"), list):
         lights = [
-            one
-            if isinstance(one, dict) and one.get(FIELD) in LIGHTS
-            else _of_kind(one, kinds, f"{source}, room.lights[{k}]", "lights")
+            one if isinstance(one, dict) and one.get(FIELD) in LIGHTS else of_kind(one, ("room", "lights", k), "lights")
             for k, one in enumerate(room["lights"])
         ]
         whole["room"] = room | {"lights": lights}
     if isinstance(whole.get(CAMERA), dict) and FIELD in whole[CAMERA]:
-        camera = _of_kind(whole[CAMERA], kinds, f"{source}, {CAMERA}", CAMERA)
+        camera = of_kind(whole[CAMERA], (CAMERA,), CAMERA)
         sensor, own = camera.pop("sensor", {}), whole.get("sensor", {})
         whole[CAMERA] = camera
         if sensor and isinstance(own, dict):
             whole["sensor"] = _merged(sensor, own)
-    return whole
+    return whole, strange
 
 
 def with_kinds(schema: dict[str, Any]) -> dict[str, Any]:

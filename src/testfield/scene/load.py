@@ -9,11 +9,12 @@ from typing import Any
 from pydantic import ValidationError
 
 from testfield.errors import Faults, TestfieldError, faults_in
-from testfield.scene.declared import expanded, with_kinds
+from testfield.scene.declared import expanded_but, with_kinds
 from testfield.scene.document import VARY, Document, load_document, read_document
+from testfield.scene.named_files import named_file
 from testfield.scene.schema import SceneFile
 from testfield.scene.sizes import check_sizes
-from testfield.store.faults import faults_of
+from testfield.store.faults import each_fault_of
 from testfield.store.toml_lines import Location, location_of
 
 SEE = "see `testfield schema`"
@@ -37,7 +38,7 @@ def scene_from(document: Document) -> SceneFile:
     """The scene that a document describes. Raises `TestfieldError` as `load_scene` does."""
     source = document.source
     with numbered(document):
-        data = expanded(deepcopy(document.data), source)
+        data, strange = expanded_but(deepcopy(document.data), source)
     # The kind of a listed station or target need not be said when it is a single one.
     for name in ("stations", "check_targets"):
         for item in data.get(name, []) if isinstance(data.get(name), list) else []:
@@ -48,13 +49,37 @@ def scene_from(document: Document) -> SceneFile:
     for item in lights if isinstance(lights, list) else []:
         if isinstance(item, dict):
             item.setdefault("kind", "area")
+    faults = [_numbered(fault, document) for _, fault in strange]
     try:
         scene = SceneFile.model_validate(data).in_folder(document.folder)
     except ValidationError as error:
-        raise faults_of(error, SceneFile, data, "", source, SEE, document.where) from error
+        # What an entry lacks, and which fields it may have, its kind would have told.
+        unknown = tuple(location for location, _ in strange)
+        faults += each_fault_of(error, SceneFile, data, "", source, SEE, document.where, unknown)
+    if faults:
+        # Nothing is built of a wrong scene, so what building would miss is told here.
+        faults += [_numbered(fault, document) for fault in _missing_files(data, document)]
+        raise Faults(faults)
     with numbered(document):
         check_sizes(scene, source)
     return scene
+
+
+def _missing_files(data: dict[str, Any], document: Document) -> list[TestfieldError]:
+    """Mesh files that a scene names and that are not there."""
+    from testfield.scene.meshes import COPIES
+
+    listed = data.get("meshes")
+    faults = []
+    for k, part in enumerate(listed if isinstance(listed, list) else ()):
+        file, name = (part.get("file"), part.get("name")) if isinstance(part, dict) else (None, None)
+        if isinstance(file, str) and isinstance(name, str):
+            path = named_file(file, f"{COPIES}/{name}{Path(file).suffix}", document.folder)
+            if not path.is_file():
+                where = f"{document.source}, meshes[{k}].file"
+                advice = "paths are relative to the scene file"
+                faults.append(TestfieldError(f"value '{path}': no such mesh file", where, advice))
+    return faults
 
 
 @contextmanager

@@ -44,6 +44,8 @@ BOUNDS = {
     "literal_error": ("expected", "one of {} is wanted"),
 }
 
+OF_THE_KIND = ("missing", "value_error", "union_tag_invalid", "union_tag_not_found")
+"""Errors that may come of a table's kind alone; so may unknown fields where the kind says which there are."""
 
 Where = Callable[[Location], tuple[tuple[int, int], str]]
 """Of a location, the number of its file and the line there, and `FILE:LINE, PLACE`."""
@@ -58,11 +60,26 @@ def faults_of(
     see: str,
     where: Where | None = None,
 ) -> Faults:
+    """All faults that a model finds in a table, as `each_fault_of` lists them."""
+    return Faults(each_fault_of(error, model, data, text, source, see, where))
+
+
+def each_fault_of(
+    error: ValidationError,
+    model: type[BaseModel],
+    data: Any,
+    text: str,
+    source: str,
+    see: str,
+    where: Where | None = None,
+    unknown: tuple[Location, ...] = (),
+) -> list[TestfieldError]:
     """All faults that a model finds in a table, in the order of their lines, misspelt fields first.
 
     `data` is the table as read from `text`, a TOML document that messages call `source`; `see` says where fields are
     described. A table of several files tells `where` its values stand. A field that is missing only because its name is
-    misspelt in the same table is not named.
+    misspelt in the same table is not named. Of tables at `unknown` places, whose kind nobody knows, only what is wrong
+    for itself is named.
     """
     where = where or _in_text(Lines(text), source)
     found: list[tuple[bool, tuple[int, int], int, TestfieldError]] = []
@@ -75,6 +92,10 @@ def faults_of(
         if one["type"] == "too_short" and any(_within(other["loc"], one["loc"]) for other in errors):
             continue  # entries with faults of their own do not count, and theirs are named
         location = written_location(one["loc"], data)
+        if any(location[: len(place)] == place for place in unknown) and (
+            one["type"] in OF_THE_KIND or (one["type"] == "extra_forbidden" and len(location) < len(one["loc"]))
+        ):
+            continue
         if one["type"] == "missing" and isinstance(location[-1], int):
             location = _parent(location)
         if location in seen:
@@ -84,7 +105,7 @@ def faults_of(
         what, do = _sentence(one, model, see)
         fault = TestfieldError(what, place, do)
         found.append((one["type"] != "extra_forbidden", line, len(found), fault))
-    return Faults([fault for *_, fault in sorted(found, key=lambda row: row[:3])])
+    return [fault for *_, fault in sorted(found, key=lambda row: row[:3])]
 
 
 def _in_text(lines: Lines, source: str) -> Where:

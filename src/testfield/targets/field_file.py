@@ -1,6 +1,7 @@
 """What a person writes of a field that was photographed: its targets, and what is certified of it (TOML)."""
 
 from collections import Counter
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any, Literal
 
@@ -228,6 +229,12 @@ class FieldFile(_Part):
 def field_of_target(kind: str) -> FieldFile:
     """The field of which only the kind of its targets is known."""
     return FieldFile(name=kind, target=TargetPart(kind=kind))
+
+
+def is_field_file(data: Mapping[str, Any], others: Collection[str]) -> bool:
+    """Whether a TOML document is rather a field file than one of the kind that has the fields `others`."""
+    own = set(FieldFile.model_fields) - set(others)
+    return bool(own & data.keys()) and not (data.keys() & set(others)) - set(FieldFile.model_fields)
 
 
 def load_field_file(path: Path) -> FieldFile:
