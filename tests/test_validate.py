@@ -65,6 +65,20 @@ def test_a_field_file_is_taken_for_one_and_every_fault_is_named(tmp_path: Path, 
         assert words in capsys.readouterr().err
 
 
+def test_boards_are_listed_with_the_names_that_a_scene_takes(capsys: pytest.CaptureFixture) -> None:
+    from testfield.errors import TestfieldError
+    from testfield.scene.load import parse_scene
+
+    assert main(["list", "boards", "--json"]) == 0
+    listed = json.loads(capsys.readouterr().out)["boards"]
+    assert '"aruco" or "apriltag"' in listed["tags"]["what"]
+    for name in ("charuco", "circles", "hexcircles", "tags"):
+        with pytest.raises(TestfieldError) as refused:
+            parse_scene(f'name = "s"\n[[boards]]\nname = "A"\npattern = {{ kind = "{name}" }}\n', "s.toml")
+        unknown = f"no kind is called '{name}'" in str([str(one) for one in getattr(refused.value, "faults", ())])
+        assert unknown == (f'"{name}"' not in listed[name]["what"])
+
+
 def test_marks_and_bars_that_cannot_serve_are_named(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     import testfield as tf
 

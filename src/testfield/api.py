@@ -204,7 +204,8 @@ class Scene(SceneText):
 
 
 def load_scene(scene: str | Path) -> SceneFile:
-    """The scene at a path, or the one of that name that comes along.
+    """The checked values of the scene at a path, or of the one of that name that comes along. To change, save, plan
+    or run one from Python, `Scene.load` reads it.
 
     Raises `TestfieldError` with all that is wrong with it.
     """

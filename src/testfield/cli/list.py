@@ -9,7 +9,7 @@ from testfield.cli.show import add_load
 ALGORITHMS = ("detectors", "finders", "centroids", "decoders", "calibrators", "reconstructors")
 KINDS = ("scenes", "templates", *ALGORITHMS, "lenses", "boards", "cameras", "lights", "sensors")
 SOURCED = {
-    "boards": "boards (pattern.kind, and kinds of the catalogue)",
+    "boards": "boards (kinds in field files, with what a scene's pattern.kind calls them; and kinds of the catalogue)",
     "cameras": "cameras (kind)",
     "lights": "lights (kind)",
 }
@@ -98,9 +98,24 @@ def _rows(kind: str) -> dict[str, dict[str, str]]:
     from testfield.scene.catalogue import LISTS, catalogue
 
     found = {} if kind in ("cameras", "lights") else {name: _said(kind, name) for name in names(kind)}
+    for name, row in found.items() if kind == "boards" else ():
+        row["what"] += f" In a scene: {_in_scenes(name)}."
     for name, one in catalogue(kind).items() if kind in LISTS else ():
         found[name] = {"what": one["what"] + ("" if one["verified"] else " (not verified)"), "source": one["source"]}
     return found
+
+
+def _in_scenes(board: str) -> str:
+    """How a scene's `pattern.kind` calls a kind of board."""
+    from typing import get_args
+
+    from testfield.scene.board_parts import PatternPart, TagGridPart
+
+    union, *_ = get_args(PatternPart)
+    named = {kind for part in get_args(union) for kind in get_args(part.model_fields["kind"].annotation)}
+    own = get_args(TagGridPart.model_fields["kind"].annotation) if board == "tags" else (board,)
+    said = " or ".join(f'"{kind}"' for kind in own if kind in named)
+    return said or "not to be had"
 
 
 def _said(kind: str, name: str) -> dict[str, str]:
