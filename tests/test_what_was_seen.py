@@ -8,6 +8,7 @@ import pytest
 
 from testfield.camera.photograph import photograph_of
 from testfield.cli.main import main
+from testfield.detect.circle_grid import order_grid
 from testfield.detect.observations import MEASURED
 from testfield.detect.photograph import Found, detect_in_photograph
 from testfield.detect.target_spec import parse_target
@@ -151,6 +152,21 @@ def test_a_grid_of_another_size_is_named() -> None:
     found = seen(dots, "circles:5x4")
     assert "6 x 4" in said(found)
     assert (found.observations.status == MEASURED).sum() == 24
+
+
+def test_a_grid_is_named_though_a_dot_is_missing_and_not_without_its_last_row() -> None:
+    column, row = np.meshgrid(np.arange(10), np.arange(8))
+    place = np.column_stack([column.ravel(), row.ravel()])
+    xy = 50 + place @ [[40.0, 3.0], [-4.0, 38.0]] + np.random.default_rng(3).normal(0, 0.3, (80, 2))
+    size = np.full(80, 15.0)
+    whole = order_grid(xy, size, 10, 8)
+    assert (whole == place).all()
+    hidden = np.isin(np.arange(80), (33, 47, 9))  # one of them in a corner
+    assert (order_grid(xy[~hidden], size[~hidden], 10, 8) == place[~hidden]).all()
+    many = np.isin(np.arange(80), np.arange(22, 80, 6))
+    assert (order_grid(xy[~many], size[~many], 10, 8) == -1).all()
+    last = row.ravel() == 7
+    assert (order_grid(xy[~last], size[~last], 10, 8) == -1).all()
 
 
 @pytest.mark.parametrize(

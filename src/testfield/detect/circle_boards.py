@@ -18,8 +18,8 @@ def name_circles(
     """Board (n,) and point (n,) index, -1 for none, of the dots (n, 2) px that are `free` (n,); on a RUNE-Tag also of
     those that are `crowded` (n,) by others.
 
-    A grid is named only where all of it is seen, a RUNE-Tag where half of it is. A symmetric grid is taken to stand
-    upright.
+    A grid is named only where all of it is seen but for a few dots, a RUNE-Tag where half of it is. A symmetric grid is
+    taken to stand upright.
     """
     board, point = np.full(len(xy_px), -1), np.full(len(xy_px), -1)
     # The largest first: a small one would be found within it.

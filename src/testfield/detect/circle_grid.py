@@ -8,6 +8,8 @@ MISS = 0.25
 """How far from its predicted place a dot may be, in steps of the grid."""
 SIZES = 1.7
 """Neighbours differ in diameter by less than this ratio."""
+LEAST_FILLED, LEAST_EDGE = 0.9, 0.5
+"""Parts of a whole grid, and of each of its outer rows, that must be found where some dots are not."""
 
 
 def order_grid(xy_px: np.ndarray, diameter_px: np.ndarray, columns: int = 0, rows: int = 0) -> np.ndarray:
@@ -17,7 +19,8 @@ def order_grid(xy_px: np.ndarray, diameter_px: np.ndarray, columns: int = 0, row
     from the places before it, so perspective, distortion and bent paper do no harm. Columns run along the side with
     more dots, rows to the right of it as seen in the image (y down), so that a grid seen from its front is never
     mirrored; of the two remaining turns the one whose first dot is nearest to the image's top left is taken. Where
-    `columns` and `rows` are given, only a complete grid of that size counts.
+    `columns` and `rows` are given, only a grid of that size counts, complete or with a few dots missing while all of
+    its outer rows are there.
     """
     n = len(xy_px)
     nothing = np.full((n, 2), -1)
@@ -115,6 +118,10 @@ def _window(place: np.ndarray, inside: np.ndarray, wanted: set[tuple[int, int]])
             first = np.argwhere(whole)[0] + low
             keep = (place >= first).all(axis=1) & (place < first + [columns, rows]).all(axis=1)
             return inside & keep
+    # A glint or a finger on one dot leaves no doubt of the others, as long as the grid ends where it should.
+    edges = (full[0], full[-1], full[:, 0], full[:, -1])
+    if full.shape in wanted and full.mean() >= LEAST_FILLED and min(edge.mean() for edge in edges) >= LEAST_EDGE:
+        return inside
     return np.zeros(len(place), bool)
 
 
