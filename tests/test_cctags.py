@@ -102,11 +102,12 @@ def test_the_centre_of_a_slanted_tag_is_not_that_of_its_ellipse() -> None:
     assert np.linalg.norm(ellipse - true) > 1
 
 
-def test_other_circles_have_no_number() -> None:
+@pytest.mark.parametrize("rows", [(160,), pytest.param((60, 160, 260), marks=pytest.mark.slow)])
+def test_other_circles_have_no_number(rows: tuple[int, ...]) -> None:
     rng = np.random.default_rng(3)
     image = np.full((HEIGHT, WIDTH), 200.0)
     for x in (60, 160, 260, 350):  # rings within rings whose radii are no tag's, dots in rings, plain dots
-        for y in (60, 160, 260):
+        for y in rows:
             radii = np.sort(rng.uniform(0.15, 1, rng.integers(1, 6)))[::-1] * 38
             for k, radius in enumerate([38, *radii]):
                 level = (200.0 if k % 2 else 30.0,)
