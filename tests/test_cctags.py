@@ -102,8 +102,10 @@ def test_the_centre_of_a_slanted_tag_is_not_that_of_its_ellipse() -> None:
     assert np.linalg.norm(ellipse - true) > 1
 
 
-@pytest.mark.parametrize("rows", [(160,), pytest.param((60, 160, 260), marks=pytest.mark.slow)])
-def test_other_circles_have_no_number(rows: tuple[int, ...]) -> None:
+@pytest.mark.parametrize(
+    "rows, tags", [((160,), (3,)), pytest.param((60, 160, 260), (3, 4), marks=pytest.mark.slow)], ids=["few", "many"]
+)
+def test_other_circles_have_no_number(rows: tuple[int, ...], tags: tuple[int, ...]) -> None:
     rng = np.random.default_rng(3)
     image = np.full((HEIGHT, WIDTH), 200.0)
     for x in (60, 160, 260, 350):  # rings within rings whose radii are no tag's, dots in rings, plain dots
@@ -113,7 +115,7 @@ def test_other_circles_have_no_number(rows: tuple[int, ...]) -> None:
                 level = (200.0 if k % 2 else 30.0,)
                 cv2.circle(image, (x * 16, y * 16), int(radius * 16), level, -1, cv2.LINE_8, 4)
     image = (cv2.GaussianBlur(image, (0, 0), 0.8) + rng.normal(0, 2, image.shape)).round().clip(0, 255)
-    for crowns in (3, 4):
+    for crowns in tags:
         assert len(seen(image.astype(np.float32), crowns).observations) == 0
 
 

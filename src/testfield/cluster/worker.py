@@ -70,6 +70,8 @@ async def _reachable(address: str) -> bool:
 async def _stay(address: str, processes: int, memory_gb: float | None, scratch: Path | None) -> bool:
     """Begin processes, and wait until the scheduler sends them away or has gone."""
     nanny: Any = needed("distributed").Nanny
+    # Dask has them give freed memory back at once, and arrays are asked for anew: a third of the time of a calibration.
+    needed("dask").config.set({"distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": None})
     limit = "auto" if memory_gb is None else f"{memory_gb:g}GB"
     async with AsyncExitStack() as stack:
         begun = [
