@@ -128,3 +128,9 @@ def test_what_rounding_leaves_below_black_is_black() -> None:
     values = np.array([[1.0, -1e-12]], np.float32)
     kept = _finish(lambda radiance: radiance.values, "a", values, [])
     assert kept.min() == 0
+
+
+def test_a_job_is_asked_again_with_all_that_was_turned_off() -> None:
+    asked = {"images": [], "dense": False, "shade": False, "unclear": "none"}
+    assert set(job_of(asked).options) == {"--no-dense", "--no-shade", "--unclear", "none"}
+    assert not job_of({"images": [], "dense": True, "shade": True}).options

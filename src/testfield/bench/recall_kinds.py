@@ -161,6 +161,17 @@ def scored(kind: Kind, picture: Drawn, reading: Reading) -> np.ndarray:
     return np.array([len(picture.number), best, len(number) - best])
 
 
+def figures_of(repeats: int, empty: int, quick: bool, tell: Callable[[str], None]) -> dict[str, Any]:
+    """All `rows`, as of `bench_kinds`, and where ours are `behind`."""
+    rows = bench_kinds(repeats, empty, quick, tell)
+    return {"rows": rows, "behind": behind(rows)}
+
+
+def said(figures: dict[str, Any]) -> list[str]:
+    """The same for a person."""
+    return [*lines(figures["rows"]), *(f"behind: {one}" for one in figures["behind"])]
+
+
 def lines(rows: list[dict[str, Any]]) -> list[str]:
     """The curves for a person: a line a kind, series and detector."""
     text = []

@@ -308,7 +308,9 @@ def _recall(args: argparse.Namespace) -> int:
 
         return _say(args, bench_hard(_tell), lines)
     if args.kinds:
-        return _kinds(args)
+        from testfield.bench.recall_kinds import figures_of, said
+
+        return _say(args, figures_of(*((1, 4) if args.quick else (4, 20)), args.quick, _tell), said)
     targets, empty = (min(args.targets, 1000), min(args.empty, 5)) if args.quick else (args.targets, args.empty)
     figures = bench_recall(targets, empty, _tell)
     if args.json:
@@ -323,22 +325,6 @@ def _recall(args: argparse.Namespace) -> int:
         print(f"tilt {band:>5} degrees: {found} found of {clear} in clear sight, {100 * found / max(clear, 1):.2f} %")
     for why, times in figures["missed"].items():
         print(f"not found: {times:>4}  {why}")
-    return 0
-
-
-def _kinds(args: argparse.Namespace) -> int:
-    import json
-
-    from testfield.bench.recall_kinds import behind, bench_kinds, lines
-
-    repeats, empty = (1, 4) if args.quick else (4, 20)
-    rows = bench_kinds(repeats, empty, args.quick, _tell)
-    if args.json:
-        print(json.dumps({"rows": rows, "behind": behind(rows)}))
-        return 0
-    print("\n".join(lines(rows)))
-    for said in behind(rows):
-        print(f"behind: {said}")
     return 0
 
 

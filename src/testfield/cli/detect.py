@@ -88,7 +88,7 @@ def _photographs(args: argparse.Namespace) -> int:
     import json
     import sys
 
-    from testfield.cli.photographs import check_shown, images_in, seen_in
+    from testfield.cli.photographs import check_shown, images_in, look_at
     from testfield.detect.photograph import AUTO, SMALLEST_PX, detect_in_photograph
     from testfield.detect.target_spec import parse_target
     from testfield.errors import TestfieldError
@@ -114,7 +114,7 @@ def _photographs(args: argparse.Namespace) -> int:
     out = args.out or Path("renders/detect")
     say = sys.stderr if args.json else sys.stdout
     look = Look(detect_in_photograph, (target, radii, polarity, smallest_px, codes, knobs), args.bayer)
-    seen = seen_in(images_in(args.what), look, out, jobs, say)
+    seen = look_at(images_in(args.what), look, out, jobs, say)
     if seen.found:
         write_found(seen.names, seen.notes, seen.found, out, seen.sizes_px, args.target)
         for name, read, found in zip(seen.names, seen.notes, seen.found, strict=True):

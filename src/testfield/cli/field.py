@@ -55,10 +55,9 @@ def _propose(args: argparse.Namespace) -> int:
     import sys
     from collections import Counter
 
-    from testfield.camera.interior import check_held
     from testfield.camera.photograph import read_photograph
     from testfield.cli.cameras import decoded_of, headers_of
-    from testfield.cli.photographs import check_shown, images_in, seen_in
+    from testfield.cli.photographs import check_shown, held_of, images_in, look_at
     from testfield.detect.photograph import AUTO, ON_BLACK, ON_WHITE, detect_in_photograph
     from testfield.detect.target_spec import parse_target
     from testfield.errors import TestfieldError
@@ -80,8 +79,7 @@ def _propose(args: argparse.Namespace) -> int:
             "--target",
             "name ring codes; a board says all by its print",
         )
-    hold = tuple(name.strip() for name in args.hold.split(",") if name.strip())
-    check_held(hold, args.lens, "--hold")
+    hold = held_of(args.hold, args.lens)
     radii = args.radii or USUAL
     try:
         ring_radii(radii)
@@ -96,7 +94,7 @@ def _propose(args: argparse.Namespace) -> int:
     look = Look(
         detect_in_photograph, (target, radii, AUTO, args.smallest_px, codes, knobs_of(args, args.smallest_px)), None
     )
-    seen = seen_in(places, look, out / "photographs", args.jobs, sys.stdout)
+    seen = look_at(places, look, out / "photographs", args.jobs, sys.stdout)
     if not seen.found:
         raise TestfieldError("no image can be read", str(args.images[0]), "give photographs")
     labels, found, sizes = seen.names, seen.found, seen.sizes_px

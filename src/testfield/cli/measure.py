@@ -80,9 +80,8 @@ def _measure(args: argparse.Namespace) -> int:
     from dataclasses import replace
     from functools import partial
 
-    from testfield.camera.interior import check_held
     from testfield.cli.cameras import decoded_of, headers_of, owners_of, taken_of
-    from testfield.cli.photographs import Seen, check_shown, images_in, seen_in
+    from testfield.cli.photographs import Looks, check_shown, held_of, images_in, look_at
     from testfield.cli.show import status_of
     from testfield.detect.photograph import AUTO, ON_BLACK, ON_WHITE, detect_in_photograph
     from testfield.errors import TestfieldError
@@ -95,8 +94,7 @@ def _measure(args: argparse.Namespace) -> int:
     from testfield.targets.code_table import codes_for
 
     field, source, beside, target, patterns = targets_of(args)
-    hold = tuple(name.strip() for name in args.hold.split(",") if name.strip())
-    check_held(hold, args.lens, "--hold")
+    hold = held_of(args.hold, args.lens)
     check_shown(args.bayer, args.smallest_px, args.jobs)
     if args.focal_px is not None and not args.focal_px > 0:
         raise TestfieldError(f"value {args.focal_px}", "--focal-px", "give a focal length in pixels")
@@ -109,13 +107,13 @@ def _measure(args: argparse.Namespace) -> int:
     if args.observations is not None and (args.by_folder or args.rig or field.cameras):
         raise TestfieldError("observations do not say which camera took an image", "--observations", "give the images")
     owners = owners_of(args.images, field, source, args.lens, args.by_folder, args.rig) if args.images else None
-    seen, places = Seen(), images_in(args.images)
+    seen, places = Looks(), images_in(args.images)
     headers = headers_of(places, owners)
     check_one_camera(headers)
     if args.observations is not None:
         size_px = parse_size(args.size_px, "--size-px") if args.size_px else None
         observed = read_observed(args.observations, target, patterns, size_px)
-        seen = Seen(list(observed.names), found=observed.found, sizes_px=observed.sizes)
+        seen = Looks(list(observed.names), found=observed.found, sizes_px=observed.sizes)
     knobs = knobs_of(args, args.smallest_px)
     look = Look(
         detect_in_photograph, (target, field.target.radii, polarity, args.smallest_px, codes, knobs), args.bayer
@@ -124,7 +122,7 @@ def _measure(args: argparse.Namespace) -> int:
         boards = tuple((one.name, one.target) for one in patterns)
         look = Look(look_for, (boards, polarity, args.smallest_px, knobs), args.bayer)
     if places:
-        seen = seen_in(places, look, out, args.jobs, say, owners.name_of if owners else lambda stem, _: stem)
+        seen = look_at(places, look, out, args.jobs, say, owners.name_of if owners else lambda stem, _: stem)
     trouble = [f"'{path.name}' cannot be read and is left out" for path in seen.unreadable]
     names, sizes = seen.names, seen.sizes_px
     if not seen.found:

@@ -14,7 +14,7 @@ KEPT = "detections"
 
 
 @dataclass
-class Seen:
+class Looks:
     """What is seen in photographs that could be read, in their order: their `names`, which differ, what was `given` for
     each and its file, what was `found`, sizes (width, height), and `notes` on reading each; `unreadable` are files that
     could not be read."""
@@ -28,19 +28,19 @@ class Seen:
     unreadable: list[Path] = field(default_factory=list)
 
 
-def seen_in(
+def look_at(
     files: Sequence[tuple[Path, Path]],
     look: "Look",
     out: Path,
     jobs: int,
     say: TextIO,
     name_of: Callable[[str, Path], str] = lambda stem, _: stem,
-) -> Seen:
+) -> Looks:
     """What is seen in `files` (folder as given, file), by so many processes; `name_of` a stem and a folder is what a
     photograph is called. Raises `TestfieldError` where a picture would be written over a photograph."""
     from testfield.measure.kept_detections import put_picture
 
-    seen = Seen()
+    seen = Looks()
     for (folder, path), one in zip(files, _kept([path for _, path in files], look, out / KEPT, jobs, say), strict=True):
         if one.found is None:
             seen.unreadable.append(path)
@@ -106,6 +106,15 @@ def images_in(what: Sequence[Path]) -> list[tuple[Path, Path]]:
         else:
             files.append((path, path))
     return files
+
+
+def held_of(text: str, lens: str) -> tuple[str, ...]:
+    """Lens coefficients that a command line holds at zero. Raises `TestfieldError` where the lens has no such one."""
+    from testfield.camera.interior import check_held
+
+    hold = tuple(name.strip() for name in text.split(",") if name.strip())
+    check_held(hold, lens, "--hold")
+    return hold
 
 
 def check_shown(bayer: str | None, smallest_px: float, jobs: int) -> None:

@@ -16,8 +16,8 @@ from testfield.detect.centre_forward import dot_outline, refine, start
 from testfield.detect.disc import disc_in_pixels
 from testfield.detect.find import Blobs
 from testfield.detect.forward_windows import BLUR, CONTRAST, Batch, reach, window_batches
-from testfield.detect.joined import diameters, put_beside, take
-from testfield.detect.observations import MEASURED
+from testfield.detect.joined import put_beside, take
+from testfield.detect.observations import MEASURED, diameters
 from testfield.detect.targets import Targets
 
 NEAR, ALIKE = 1.6, 1.4

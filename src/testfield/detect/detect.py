@@ -19,7 +19,7 @@ from testfield.detect.decode import CROWDED, CUT, PLAIN, UNREADABLE, decode
 from testfield.detect.find import find_blobs
 from testfield.detect.identify import identify
 from testfield.detect.knobs import ALIKE, LARGEST_PX
-from testfield.detect.observations import MEASURED, SURROUNDED, Observations
+from testfield.detect.observations import MEASURED, SURROUNDED, Observations, diameters
 from testfield.detect.one_row import first_rows
 from testfield.detect.ones_own import blobs_of, numbers_of
 from testfield.detect.outline import DISC, POLYGON, UNEVEN, UNTOLD, shapes
@@ -106,7 +106,7 @@ def detect(
         targets.status[plain & np.array(inside, bool)] = "part of a tag or a square"
     plain &= targets.status == MEASURED
     crowded = np.isin(targets.status.astype(str), SURROUNDED)
-    named, number = name_circles(targets.xy_px, _diameter(targets.moments_px2), plain, field, crowded)
+    named, number = name_circles(targets.xy_px, diameters(targets.moments_px2), plain, field, crowded)
     # Dots that stand as near to each other as those of a RUNE-Tag look like parts of a ring.
     told = crowded & (named >= 0)
     targets.status[told], targets.code[told] = MEASURED, PLAIN
@@ -145,7 +145,7 @@ def measure_targets(
     rough = find("centroids", ROUGH)(image, sheet, blobs.xy_px, blobs.moments_px2, ring_begins=begins)
     with np.errstate(invalid="ignore"):  # of what is no target, levels may be infinite
         noise = np.sqrt(sheet.variance_dn2(np.nan_to_num(rough.background_dn + rough.contrast_dn / 2)))
-    of_size = rough.ok & (_diameter(rough.moments_px2) > 0.7 * smallest_px)
+    of_size = rough.ok & (diameters(rough.moments_px2) > 0.7 * smallest_px)
     rough_ok = of_size & may_be_dots(image, rough.xy_px, rough.moments_px2, rough.contrast_dn, noise, begins)
     xy, moments, cut = rough.xy_px[rough_ok], rough.moments_px2[rough_ok], blobs.cut[rough_ok]
     elliptic = is_elliptic(image, xy, moments, noise[rough_ok] / rough.contrast_dn[rough_ok], ROUGHLY)
@@ -167,11 +167,11 @@ def measure_targets(
         noise = np.sqrt(sheet.variance_dn2(centres.background_dn + centres.contrast_dn / 2))
         if by_contour:
             not_elliptic = ~is_elliptic(image, centres.xy_px, centres.moments_px2, noise / centres.contrast_dn)
-            worst = np.interp(_diameter(centres.moments_px2) / 2, *WORST_UNEVEN)
+            worst = np.interp(diameters(centres.moments_px2) / 2, *WORST_UNEVEN)
             hollow = ~not_elliptic & (centres.misfit > worst) & (centres.chi2 > CERTAIN_CHI2)
         else:
             not_elliptic, hollow = centres.misfit > WORST_MISFIT, np.zeros(n, bool)
-        diameter = _diameter(centres.moments_px2)
+        diameter = diameters(centres.moments_px2)
         for bad, why in (
             (cut, "cut by the image's edge"),
             (not_elliptic | hollow, "not an ellipse"),
@@ -245,7 +245,7 @@ def measure_targets(
     _drop_ring_parts(centres.xy_px, centres.moments_px2, code, status, shape)
     xy_px = np.where(centres.ok[:, None], centres.xy_px, xy)
     moments = np.where(centres.ok[:, None, None], centres.moments_px2, moments)
-    one = first_rows(xy_px, _diameter(moments), code, status, centres.chi2)
+    one = first_rows(xy_px, diameters(moments), code, status, centres.chi2)
     return Targets(
         xy_px=xy_px[one],
         cov_px2=centres.cov_px2[one],
@@ -262,12 +262,6 @@ def measure_targets(
         passed_over={why: count for why, count in passed_over.items() if count},
         blobs=blobs,
     )
-
-
-def _diameter(moments_px2: np.ndarray) -> np.ndarray:
-    """(n,) diameters of the circles of the same area."""
-    m = moments_px2
-    return 4 * np.maximum(m[:, 0, 0] * m[:, 1, 1] - m[:, 0, 1] ** 2, 0) ** 0.25
 
 
 def _disturbed(centres: Centres, targets: np.ndarray) -> np.ndarray:

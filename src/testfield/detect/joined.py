@@ -6,14 +6,10 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
+from testfield.detect.observations import diameters
 from testfield.detect.targets import Targets
 
 ROWS = ("xy_px", "cov_px2", "moments_px2", "chi2", "misfit", "code", "affine", "status", "background_dn", "contrast_dn")
-
-
-def diameters(moments_px2: np.ndarray) -> np.ndarray:
-    """(n,) of the circles of the same area."""
-    return np.asarray(4 * np.maximum(np.linalg.det(moments_px2), 0) ** 0.25)
 
 
 def take(targets: Targets, rows: np.ndarray) -> Targets:

@@ -21,6 +21,12 @@ TEXTURE = ("no ellipse fits", "too small", "too little contrast", "part of a rin
 """Reasons why a blob was turned down that are true of texture more often than of targets."""
 
 
+def diameters(moments_px2: np.ndarray) -> np.ndarray:
+    """(n,) px, of the circles that have the areas of dots with second moments (n, 2, 2)."""
+    m = moments_px2
+    return np.asarray(4 * np.maximum(m[:, 0, 0] * m[:, 1, 1] - m[:, 0, 1] ** 2, 0) ** 0.25)
+
+
 @dataclass(frozen=True)
 class Observations:
     """All observations of a run, as a structure of n rows.
@@ -80,8 +86,7 @@ class Observations:
     @property
     def diameter_px(self) -> np.ndarray:
         """(n,) diameter of the circle of the dot's area."""
-        m = self.moments_px2
-        return 4 * np.maximum(m[:, 0, 0] * m[:, 1, 1] - m[:, 0, 1] ** 2, 0) ** 0.25
+        return diameters(self.moments_px2)
 
     def at_times(self, moving: tuple[int, ...]) -> "Observations":
         """The same, each moving target under the code that it has at the time of its image."""

@@ -13,8 +13,8 @@ from scipy.spatial import cKDTree
 from scipy.special import ndtr
 
 from testfield.camera.images import InvertedSheet, SensorSheet
-from testfield.detect.joined import diameters, put_beside, take
-from testfield.detect.observations import MEASURED
+from testfield.detect.joined import put_beside, take
+from testfield.detect.observations import MEASURED, diameters
 from testfield.detect.polar import values_at
 from testfield.detect.screen import circles, half_axes_of
 from testfield.detect.targets import Targets
@@ -82,8 +82,8 @@ def _steps(places: np.ndarray, values: np.ndarray, noise: np.ndarray) -> tuple[n
     which of them are a shadow's edge (n,)."""
     angle = 2 * np.pi * np.arange(ANGLES) / ANGLES
     tried = np.stack(np.meshgrid(angle, PLACES, WIDTHS, indexing="ij"), -1).reshape(-1, 3)
-    shapes = np.array([_edge(places, *one) for one in tried])
-    shapes -= shapes.mean(axis=1, keepdims=True)
+    edges = np.array([_edge(places, *one) for one in tried])
+    shapes = edges - edges.mean(axis=1, keepdims=True)
     length = np.maximum(np.linalg.norm(shapes, axis=1), 1e-9)
     whole = np.isfinite(values).all(axis=1)
     seen = np.nan_to_num(values)
@@ -94,7 +94,6 @@ def _steps(places: np.ndarray, values: np.ndarray, noise: np.ndarray) -> tuple[n
     n = np.arange(len(values))
     part = along[n, best] ** 2 / np.maximum((rest**2).sum(axis=1), 1e-9)
     change = along[n, best] / length[best]
-    edges = np.array([_edge(places, *one) for one in tried])
     level = seen.mean(axis=1) - change * edges.mean(axis=1)[best]
     ratio = (level + change) / np.maximum(level, 1e-9)
     shadow = whole & (part > EXPLAINED) & (ratio > DEEPEST) & (ratio < SHALLOWEST) & (-change > SIGMAS * noise)

@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 from testfield.camera.images import SensorSheet
 from testfield.detect.centre import Centres
 from testfield.detect.knobs import ALIKE, ALL, NONE
+from testfield.detect.observations import diameters
 from testfield.registry import find
 
 EVERY_PX, FAILED_PX = 6.5, 9.0
@@ -36,8 +37,7 @@ def fit_small(
 ) -> None:
     """Put into `centres` of dots at rough places (n, 2) with rough moments (n, 2, 2) and contrasts (n,) what the
     forward model finds of those that are small and in company; `unclear` as `UNCLEAR` of `knobs.py`."""
-    diameter = 4 * np.maximum(np.linalg.det(moments_px2), 0) ** 0.25
-    small = diameter < np.where(centres.ok, EVERY_PX, FAILED_PX)
+    small = diameters(moments_px2) < np.where(centres.ok, EVERY_PX, FAILED_PX)
     # What is small and alone would not be told from a square anyway, and texture is full of it.
     if unclear != ALL:
         small = in_company(xy_px, moments_px2, contrast_dn, np.ones(len(xy_px), bool), small, ROUGH_SIZE)

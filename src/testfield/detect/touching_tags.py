@@ -42,11 +42,11 @@ def read_touching_tags(image: np.ndarray, names: str, border_cells: int) -> tupl
     Raises `ValueError` where there is no such dictionary.
     """
     words = _words(names)
-    quads = _quadrangles(image, int(np.sqrt(words.shape[2])) + 2 * border_cells)
+    side = int(np.sqrt(words.shape[2])) + 2 * border_cells
+    quads = _quadrangles(image, side)
     numbers, corners = [], []
     for quad in quads:
-        cells = _cells(image, quad, int(np.sqrt(words.shape[2])) + 2 * border_cells)
-        read = _number(cells, words, border_cells)
+        read = _number(_cells(image, quad, side), words, border_cells)
         if read is not None:
             number, turns = read
             numbers.append(number)
@@ -55,7 +55,7 @@ def read_touching_tags(image: np.ndarray, names: str, border_cells: int) -> tupl
         return np.zeros(0, int), np.zeros((0, CORNERS_A_TAG, 2))
     found, where = np.array(numbers), np.array(corners)
     kept = _once(found, where)
-    return found[kept], _refined(image, where[kept], int(np.sqrt(words.shape[2])) + 2 * border_cells)
+    return found[kept], _refined(image, where[kept], side)
 
 
 @cache

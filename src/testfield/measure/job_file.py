@@ -26,6 +26,9 @@ OPTIONS = (
 )
 """Options that say how images are measured, by their names in `testfield measure`."""
 
+TURNED_OFF = ("dense", "shade")
+"""The same of options that turn something off: `--no-dense`."""
+
 
 @dataclass(frozen=True)
 class Job:
@@ -48,8 +51,7 @@ def job_of(arguments: dict[str, Any]) -> Job:
         if value not in (None, "", False):
             text = str(value.resolve()) if isinstance(value, Path) else str(value)
             options += [f"--{name.replace('_', '-')}", text]
-    if arguments.get("dense") is False:
-        options.append("--no-dense")
+    options += [f"--no-{name}" for name in TURNED_OFF if arguments.get(name) is False]
     several = bool(arguments.get("by_folder") or arguments.get("rig"))
     return Job(tuple(path.resolve() for path in arguments.get("images") or ()), tuple(options), several)
 

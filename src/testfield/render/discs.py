@@ -6,7 +6,7 @@ import numpy as np
 
 from testfield.render.footprint import half_plane
 from testfield.render.lookup import bin_of
-from testfield.render.near import listed
+from testfield.render.near import in_one_list, listed
 from testfield.render.variant import mitsuba
 from testfield.scene.world import Panels, Print
 
@@ -20,13 +20,12 @@ class DiscTables:
         panel = np.concatenate([np.full(len(discs.radius_mm), k) for k, discs in shown])
         xy_mm = np.concatenate([discs.xy_mm for _, discs in shown])
         radius_mm = np.concatenate([discs.radius_mm for _, discs in shown])
-        bins = [listed(size, xy_mm, radius_mm, np.flatnonzero(panel == k)) for k, size in enumerate(panels.size_mm)]
-        self.candidates = max(part.shape[2] for part in bins)
-        padded = [np.pad(b, ((0, 0), (0, 0), (0, self.candidates - b.shape[2])), constant_values=-1) for b in bins]
+        cells = [listed(size, xy_mm, radius_mm, np.flatnonzero(panel == k)) for k, size in enumerate(panels.size_mm)]
+        bins = in_one_list(cells)
+        self.candidates = bins.candidates
         self.width, self.height = (mi.Float(panels.size_mm[:, k].astype(np.float32)) for k in (0, 1))
-        self.start = mi.UInt32(np.cumsum([0] + [part.size for part in padded[:-1]]))
-        self.columns, self.rows = mi.UInt32([b.shape[1] for b in bins]), mi.UInt32([b.shape[0] for b in bins])
-        self.list = mi.Int32(np.concatenate([part.ravel() for part in padded]))
+        self.start, self.list = mi.UInt32(bins.start), mi.Int32(bins.indices)
+        self.columns, self.rows = mi.UInt32(bins.columns), mi.UInt32(bins.rows)
         self.x, self.y = (mi.Float(xy_mm[:, k].astype(np.float32)) for k in (0, 1))
         self.radius = mi.Float(radius_mm.astype(np.float32))
         self.sign = mi.Float(np.concatenate([discs.sign for _, discs in shown]).astype(np.float32))

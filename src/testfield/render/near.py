@@ -1,6 +1,30 @@
 """Which marks are near: bins of a panel and the marks that may touch each."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
+
+
+@dataclass(frozen=True)
+class Bins:
+    """Bins of all panels in one `indices`, so many `candidates` a bin: those of a panel begin at `start` (panels,), its
+    `rows` and `columns` (panels,) row by row."""
+
+    candidates: int
+    start: np.ndarray
+    rows: list[int]
+    columns: list[int]
+    indices: np.ndarray
+
+
+def in_one_list(cells: Sequence[np.ndarray]) -> Bins:
+    """What `listed` gives for each panel, filled up to the longest bin of all."""
+    most = max((cell.shape[2] for cell in cells), default=1)
+    padded = [np.pad(c, ((0, 0), (0, 0), (0, most - c.shape[2])), constant_values=-1) for c in cells]
+    start = np.cumsum([0] + [part.size for part in padded[:-1]])
+    rows, columns = [part.shape[0] for part in padded], [part.shape[1] for part in padded]
+    return Bins(most, start, rows, columns, np.concatenate([part.ravel() for part in padded]))
 
 
 def listed(size_mm: np.ndarray, xy_mm: np.ndarray, extent_mm: np.ndarray, marks: np.ndarray) -> np.ndarray:

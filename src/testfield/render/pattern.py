@@ -14,7 +14,7 @@ from testfield.render.cells import CellTables
 from testfield.render.discs import DiscTables
 from testfield.render.footprint import half_plane, quarter_plane
 from testfield.render.lookup import bin_of
-from testfield.render.near import listed
+from testfield.render.near import in_one_list, listed
 from testfield.render.variant import mitsuba
 from testfield.scene.world import Dirt, Panels, Print, TrueMarks
 from testfield.targets.code_table import CodeTable, words_of
@@ -41,16 +41,13 @@ class PatternTables:
             listed(size, marks.xy_mm, extent, np.flatnonzero((marks.panel == k) & ~marks.corner))
             for k, size in enumerate(panels.size_mm)
         ]
-        self.candidates = max((cell.shape[2] for cell in cells), default=1)
-        padded = [np.pad(c, ((0, 0), (0, 0), (0, self.candidates - c.shape[2])), constant_values=-1) for c in cells]
-        starts = np.cumsum([0] + [p.size for p in padded[:-1]])
+        bins = in_one_list(cells)
+        self.candidates = bins.candidates
 
         self.width, self.height = (mi.Float(panels.size_mm[:, k].astype(np.float32)) for k in (0, 1))
         self.ground, self.ink = mi.Float(panels.ground_albedo), mi.Float(panels.ink_albedo)
-        self.start = mi.UInt32(starts)
-        self.columns = mi.UInt32([c.shape[1] for c in cells])
-        self.rows = mi.UInt32([c.shape[0] for c in cells])
-        self.list = mi.Int32(np.concatenate([p.ravel() for p in padded]))
+        self.start, self.list = mi.UInt32(bins.start), mi.Int32(bins.indices)
+        self.columns, self.rows = mi.UInt32(bins.columns), mi.UInt32(bins.rows)
         self.any_dots = bool((~marks.corner).any())
         if self.any_dots:
             self.x, self.y = (mi.Float(marks.xy_mm[:, k].astype(np.float32)) for k in (0, 1))
@@ -143,12 +140,11 @@ class DirtTables:
             listed(size, dirt.xy_mm, dirt.radius_mm, np.flatnonzero(dirt.panel == k))
             for k, size in enumerate(panels.size_mm)
         ]
-        self.candidates = max(cell.shape[2] for cell in cells)
-        padded = [np.pad(c, ((0, 0), (0, 0), (0, self.candidates - c.shape[2])), constant_values=-1) for c in cells]
+        bins = in_one_list(cells)
+        self.candidates = bins.candidates
         self.width, self.height = (mi.Float(panels.size_mm[:, k].astype(np.float32)) for k in (0, 1))
-        self.start = mi.UInt32(np.cumsum([0] + [p.size for p in padded[:-1]]))
-        self.columns, self.rows = mi.UInt32([c.shape[1] for c in cells]), mi.UInt32([c.shape[0] for c in cells])
-        self.list = mi.Int32(np.concatenate([p.ravel() for p in padded]))
+        self.start, self.list = mi.UInt32(bins.start), mi.Int32(bins.indices)
+        self.columns, self.rows = mi.UInt32(bins.columns), mi.UInt32(bins.rows)
         self.x, self.y = (mi.Float(dirt.xy_mm[:, k].astype(np.float32)) for k in (0, 1))
         self.radius, self.albedo = mi.Float(dirt.radius_mm), mi.Float(dirt.albedo)
 

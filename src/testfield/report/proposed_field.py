@@ -57,7 +57,7 @@ def draw_photograph(photograph: Photograph, seen: Observations, proposal: Propos
     size = max(0.5, max(picture.shape) / 3200)
     for k in np.flatnonzero((seen.status == MEASURED) & (seen.code > 0)):
         code = int(seen.code[k]) % TIME
-        name = COLOURS[board[code] % len(COLOURS)] if code in board else "#808080"
+        name = colour_of(board[code]) if code in board else "#808080"
         colour = tuple(int(name[i : i + 2], 16) for i in (5, 3, 1))
         at = tuple(int(v) for v in np.rint(factor * (seen.xy_px[k] + 0.5)))
         around = max(4, round(factor * float(np.nan_to_num(seen.diameter_px[k], nan=8)) * 0.75))
