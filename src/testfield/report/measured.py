@@ -240,7 +240,7 @@ def verdict_of(result: Measurement) -> list[str]:
             f"Of {len(checks)} check distance{'s' if len(checks) > 1 else ''} the worst is "
             f"{worst.measured_mm - worst.certified_mm:+.4f} mm off (E_n {worst.en:+.2f})."
         )
-    elif len(points):
+    elif len(points) and "ARBITRARY" not in result.datum:
         said.append("No check distance tells whether the scale and its uncertainty are true.")
     return said
 
