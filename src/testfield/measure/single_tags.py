@@ -20,7 +20,7 @@ from testfield.targets.field import TIME, ScaleBar
 
 KINDS = ("aruco", "apriltag")
 NOMINAL_U_SIZE = 0.005
-"""Standard uncertainty of a size that nobody certified, as a part of it: printers are off by some tenths of a percent."""
+"""Standard uncertainty of a size that nobody certified, as a part of it, as printers are off."""
 A_TAG = 10
 OTHER_SIZE = 0.05
 """A tag that is larger or smaller than it should be by more than this part is told of."""
