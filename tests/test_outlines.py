@@ -7,7 +7,9 @@ import pytest
 from testfield.bench.recall import Recall
 from testfield.camera.images import SensorSheet
 from testfield.detect import detect
+from testfield.detect.disc import disc_in_pixels, ellipse_outline
 from testfield.detect.outline import CORNERS, harmonics
+from testfield.detect.outline_fit import HOLE, fit_outlines
 from testfield.targets.marks import RADII
 
 SHEET = SensorSheet(2.6, 2.3, 64.0, 12)
@@ -124,6 +126,37 @@ def test_the_harmonic_of_a_polygon_is_its_own_and_a_disc_has_none(corners: int, 
             assert part > 0.8  # a triangle is no small change of a disc
         else:
             assert abs(part - expected) < 0.2
+
+
+def test_equations_of_a_few_sums_are_those_of_all_pixels() -> None:
+    """In `fit_outlines` pixels that no edge reaches enter as sums; here every pixel has its row of derivatives."""
+    image = picture([(flattened(DISC, 18.0, 0.8, 0.3), 1.0)], 0.7, (0.01, -0.006))
+    half, noise = 17, np.array(SHEET.noise_line())
+    axes = np.array([[9.3, 0.4], [0.4, 8.6]])
+    theta, normal, right, good = fit_outlines(
+        image, np.array([[0.5 * SIZE + 0.2, 0.5 * SIZE - 0.3]]), axes[None], np.array([half]), noise
+    )
+    assert good.all()
+    t, grid, points = theta[0], np.arange(-half, half + 1.0)[None], 400
+    angle = 2 * np.pi * np.arange(points) / points
+    outline, tangent, by = ellipse_outline(t[[2, 3, 3, 4]].reshape(1, 2, 2), points)
+    waves = np.concatenate([[np.cos(k * angle), np.sin(k * angle)] for k in CORNERS])[:, :, None] * outline
+    by, level = np.concatenate([by, waves])[None], t[None, 5]
+    disc = disc_in_pixels(outline + t[:2], tangent, by, level, grid, grid)
+    hole = disc_in_pixels(HOLE * outline + t[:2], HOLE * tangent, by[:, :0], level, grid, grid).value[0]
+    dy, dx = np.meshgrid(grid[0] - t[1], grid[0] - t[0], indexing="ij")
+    d, shape, lit, one = disc.value[0], disc.by_shape[0], t[6] + t[8] * dx + t[9] * dy, np.ones_like(hole)
+    rows = [lit * shape[0] - t[8] * d - t[10], lit * shape[1] - t[9] * d - t[11], *(lit * shape[2:5])]
+    rows += [lit * disc.by_blur[0], d, one, d * dx, d * dy, dx, dy, *(lit * shape[5:]), hole]
+    value = t[7] + t[10] * dx + t[11] * dy + lit * d
+    q = np.linalg.norm(np.stack([dx - 0.2 + t[0], dy + 0.3 + t[1]], axis=-1) @ np.linalg.inv(axes), axis=-1)
+    use = (q <= 1.6) & ((q <= 1.1) | ((2 - q) * np.hypot(dx - 0.2 + t[0], dy + 0.3 + t[1]) >= 1.8 * q))
+    J, whole = np.array(rows)[:, use], image[0 - half + 48 : half + 49, 48 - half : half + 49]
+    weight = 1 / (noise[0] + noise[1] * (value[use] - noise[2]))
+    expected, score = (J * weight) @ J.T, (J * weight) @ (whole[use] - value[use])
+    scale = np.sqrt(np.diag(expected))
+    assert np.abs((normal[0] - expected) / np.outer(scale, scale)).max() < 1e-4
+    assert np.abs((right[0] - score) / scale).max() < 0.02  # in standard deviations
 
 
 def test_rings_and_holes_are_no_dots() -> None:

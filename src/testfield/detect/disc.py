@@ -97,37 +97,40 @@ def integrate(
     blur: float,
     first: np.ndarray,
     seen: np.ndarray,
+    felt: float = FELT,
 ) -> None:
     """Into `seen` (h, w, p + 2) what the pixels see of one disc: its value, and the derivatives by the blur and by the
     shape. These are sums over outline points with their tangents times the step between them; `first` (2,) is the
-    middle of the window's first pixel. A point is felt within `FELT` blurs; left of that a pixel is filled whole."""
+    middle of the window's first pixel. A point is felt within `felt` blurs; left of that a pixel is filled whole."""
     height, width, kinds = seen.shape
     flat = seen.reshape(height * width * kinds)
     whole, none = np.zeros((height, width + 1)), np.empty(0)
     across, filled, slope = np.empty(width), np.empty(width), np.empty(width)
     down, turn = np.empty(height), np.empty(height)
-    row_part, turned_part = np.empty(width * kinds), np.empty(width * kinds)
+    row_part, turned_part = np.empty(width * kinds), np.empty(width)
     for k in range(len(flat)):
         flat[k] = 0
     for k in range(len(outline)):
         x, y = outline[k, 0] - first[0] + 0.5, outline[k, 1] - first[1] + 0.5
         dx, dy = tangent[k, 0], tangent[k, 1]
-        left, right = _weights(x, blur, width, across, filled, slope)
-        top, bottom = _weights(y, blur, height, down, none, turn)
-        # All that a point adds to a row is one list of numbers times its share of the row, and one times the share's
-        # slope.
+        left, right = _weights(x, blur, width, felt, across, filled, slope)
+        top, bottom = _weights(y, blur, height, felt, down, none, turn)
+        # All that a point adds to a row is one list of numbers times its share of the row, but to the derivatives by
+        # the blur, which take the share's slope too.
         for column in range(left, right):
             at = (column - left) * kinds
-            row_part[at], row_part[at + 1] = dy * filled[column], dy * slope[column]
-            turned_part[at], turned_part[at + 1] = 0.0, -dx * across[column]
+            row_part[at], row_part[at + 1] = dy * filled[column], 0.0
+            slope[column], turned_part[column] = dy * slope[column], -dx * across[column]
             for j in range(kinds - 2):
                 row_part[at + 2 + j] = (by_shape[j, k, 0] * dy - by_shape[j, k, 1] * dx) * across[column]
-                turned_part[at + 2 + j] = 0.0
         count = (right - left) * kinds
         for row in range(top, bottom):
             whole[row, left] += down[row] * dy
             at = (row * width + left) * kinds
-            _add(flat[at : at + count], row_part, turned_part, down[row], turn[row])
+            _add(flat[at : at + count], row_part, down[row])
+            for column in range(left, right):
+                flat[at + 1] += down[row] * slope[column] + turn[row] * turned_part[column]
+                at += kinds
     for row in range(height):
         total = 0.0
         for column in range(width - 1, -1, -1):
@@ -138,19 +141,19 @@ def integrate(
 
 
 @compiled
-def _add(to: np.ndarray, part: np.ndarray, turned: np.ndarray, share: float, turn: float) -> None:
+def _add(to: np.ndarray, part: np.ndarray, share: float) -> None:
     for k in range(len(to)):
-        to[k] += share * part[k] + turn * turned[k]
+        to[k] += share * part[k]
 
 
 @compiled
 def _weights(
-    at: float, blur: float, count: int, across: np.ndarray, filled: np.ndarray, slope: np.ndarray
+    at: float, blur: float, count: int, felt: float, across: np.ndarray, filled: np.ndarray, slope: np.ndarray
 ) -> tuple[int, int]:
     """Of `count` pixels whose first begins at 0, those from the first to the second number feel an outline point: their
     weights in one coordinate, these weights' integrals from the left (where asked for), and their derivatives."""
-    first = min(max(int(np.floor(at - FELT * blur)), 0), count)
-    last = max(min(int(np.ceil(at + FELT * blur)), count), first)
+    first = min(max(int(np.floor(at - felt * blur)), 0), count)
+    last = max(min(int(np.ceil(at + felt * blur)), count), first)
     below = density = integral = 0.0
     for edge in range(first, last + 1):
         u = at - edge
