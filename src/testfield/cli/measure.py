@@ -27,7 +27,8 @@ def add(commands: Any) -> None:
     what.add_argument(
         "--target",
         metavar="KIND",
-        help="the targets, of which nothing is certified: ring14, cctag:3, or a board, its lengths in mm: "
+        help="the targets, of which nothing is certified: ring14, cctag:3, aruco:DICT_4X4_50:40 or "
+        "apriltag:36h11:40 (single tags and their side in mm), or a board, its lengths in mm: "
         "checkerboard:9x6:25, charuco:7x5:DICT_4X4_50:30:22, circles:10x8:25:15, acircles:4x11:20:12, "
         "hexcircles:14x24:12:10, tags:5x7:DICT_6X6_50:30:24, aprilgrid:6x6:88:26.4",
     )
@@ -164,6 +165,7 @@ def targets_of(args: argparse.Namespace) -> tuple[Any, str, Path, Any, tuple]:
     from testfield.detect.target_spec import parse_target
     from testfield.errors import TestfieldError
     from testfield.measure.patterns import patterns_of
+    from testfield.measure.single_tags import KINDS as SINGLE_TAGS
     from testfield.scene.shipped import find_field
     from testfield.targets.field_file import field_of_target, load_field_file
 
@@ -177,11 +179,11 @@ def targets_of(args: argparse.Namespace) -> tuple[Any, str, Path, Any, tuple]:
         source, kind_of, beside = str(args.field), f"{args.field}, target.kind", args.field.parent
         field = load_field_file(args.field)
     target, patterns = parse_target(field.target.kind, kind_of), patterns_of(field, source)
-    if not patterns and target.kind not in ("ring", "circles", "cctag"):
+    if not patterns and target.kind not in ("ring", "circles", "cctag", *SINGLE_TAGS):
         raise TestfieldError(
             f"'{field.target.kind}' cannot be measured",
             kind_of,
-            "ring codes and CCTags can, and boards that say where tags lie",
+            "ring codes, CCTags and single tags can, and boards",
         )
     if patterns and target.kind == "ring":
         raise TestfieldError(

@@ -16,10 +16,10 @@ KINDS = {
     "neighbours, and diameter",
     "checkerboard:9x6": "inner corners of a checkerboard, by OpenCV; to measure with it, its squares in mm, as :25",
     "charuco:7x5:DICT_4X4_50:30:22": "ChArUco: squares, dictionary, side of a square and of a marker in mm, by OpenCV",
-    "aruco:DICT_4X4_50": "ArUco markers, by OpenCV",
+    "aruco:DICT_4X4_50": "ArUco markers, by OpenCV; to measure with them, their side in mm, as :40",
     "aprilgrid:6x6:88:26.4": "Kalibr's AprilGrid: tags in x and y, side of a tag and of a corner square in mm",
     "cctag:3": "CCTags of 3 crowns, or of 4",
-    "apriltag:36h11": "AprilTags, by pupil-apriltags where it is installed, else by OpenCV",
+    "apriltag:36h11": "AprilTags, by pupil-apriltags where it is installed, else by OpenCV; their side in mm as :40",
     "tags:5x7:DICT_6X6_50:30:24": "a board of ArUco or AprilTags, row by row: columns, rows, dictionary, from tag to "
     "tag and a tag's side in mm; a last :10 where the first tag is not 0",
 }
@@ -96,10 +96,13 @@ def parse_target(text: str, where: str = "--target") -> TargetSpec:
             if rest[0] not in ("3", "4"):
                 raise _wrong(text, where, "CCTags have 3 or 4 crowns")
             return TargetSpec(kind, crowns=int(rest[0]))
-        if kind in ("aruco", "apriltag") and len(rest) == 1 and rest[0]:
+        if kind in ("aruco", "apriltag") and len(rest) in (1, 2) and rest[0]:
+            side = float(rest[1]) if len(rest) == 2 else 1.0
+            if not 0 < side < float("inf"):
+                raise _wrong(text, where, "a tag's side is in mm, above 0")
             # A scene names the family as OpenCV does, others as its makers do: both are understood.
             family = re.sub(r"(?i)^(dict_april)?tag_?", "", rest[0]) if kind == "apriltag" else rest[0]
-            return TargetSpec(kind, dictionary=family)
+            return TargetSpec(kind, 0, 0, 0, family, side, side, len(rest) == 2, len(rest) == 2)
     except ValueError as error:
         raise _wrong(text, where, str(error)) from error
     like = [name for name in KINDS if name.split(":")[0] == kind]

@@ -21,6 +21,8 @@ from testfield.detect.target_spec import TargetSpec
 from testfield.measure.certified import Length, certified_of, lengths_of
 from testfield.measure.moved import against_groups, in_settings
 from testfield.measure.patterns import Pattern, of_boards
+from testfield.measure.single_tags import KINDS as SINGLE_TAGS
+from testfield.measure.single_tags import as_coded, odd_sizes, sized
 from testfield.reconstruct.points import Points
 from testfield.reconstruct.uncoded import match_dots
 from testfield.targets.camera_sheet import CameraSheet, RigSheet
@@ -83,6 +85,8 @@ def measure(
     `patterns` are the targets, they calibrate the cameras and nothing else is measured."""
 
     moved: tuple[str, ...] = ()
+    if target.kind in SINGLE_TAGS and not patterns:
+        found, moved = as_coded(found)
     if field.groups and taken is None and target.kind == "ring":
         found, field, moved = in_settings(names, found, size_px, field, lens, hold, focal_px)
 
@@ -92,8 +96,9 @@ def measure(
         return _measured(*chosen, size_px, field, target, lens, hold, focal_px, misfit, own, patterns)
 
     whole = some(np.arange(len(names)), focal_px, None)
-    if field.groups:
-        said = (*whole.calibration.notes, *moved, *against_groups(whole.points, field))
+    if field.groups or target.kind in SINGLE_TAGS:
+        odd = odd_sizes(whole.points, target) if target.kind in SINGLE_TAGS else []
+        said = (*whole.calibration.notes, *moved, *against_groups(whole.points, field), *odd)
         whole = replace(whole, calibration=replace(whole.calibration, notes=said))
     # Images of one rig at one place belong to the same half.
     places = [f"{c}@{p}" for c, p in zip(taken.camera, taken.place, strict=True)] if taken else list(names)
@@ -134,6 +139,8 @@ def _measured(
         return _of_grid(observations, found, size_px, field, target, lens, hold, misfit)
     ties, notes = coded_ties(observations)
     certified = certified_of(field)
+    if target.kind in SINGLE_TAGS:
+        certified = sized(certified, found, target)
     result = free_network(ties, *size_px, lens, hold, certified, focal_px, True, notes, misfit, imaging)
     result = with_dots(result, observations, hold, misfit)
     points = Points(
