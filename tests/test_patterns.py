@@ -10,6 +10,7 @@ import pytest
 from PIL import Image
 
 from testfield.calibrate.calibration import Calibration
+from testfield.calibrate.similarity import robust_similarity
 from testfield.camera.exif import read_exif
 from testfield.camera.interior import Interior
 from testfield.camera.pose import rotation
@@ -18,6 +19,7 @@ from testfield.cli.main import main
 from testfield.detect.photo_corners import as_printed
 from testfield.detect.target_spec import parse_target
 from testfield.measure.patterns import board_pattern
+from testfield.reconstruct.points import Points
 from testfield.targets.board_pattern import BoardPattern
 
 WIDTH, HEIGHT = 400, 320
@@ -191,3 +193,20 @@ def test_a_grid_is_counted_as_it_is_printed_however_it_was_read(size: tuple[int,
         assert np.array_equal(as_printed(read, own, known, spec, False), own)
     unlike = np.random.default_rng(4).permutation(columns * rows)
     assert np.array_equal(as_printed(unlike, own, known, spec, False), unlike)
+
+
+@pytest.mark.slow  # a free network of 48 corners, and of both halves of the photographs
+def test_single_tags_of_a_told_size_are_measured_corner_by_corner(tmp_path: Path) -> None:
+    """The tags' layout is told to nobody; their places come back, in mm as the size tells it."""
+    images = photographed("tags:4x3:DICT_4X4_50:50:36:3", tmp_path / "images")
+    out = tmp_path / "out"
+    told = ["--target", "aruco:DICT_4X4_50:36", "--hold", "k2,k3,p1,p2", "--jobs", "1"]
+    assert main(["measure", str(images), *told, "--out", str(out)]) == 0
+    assert off(out)[0] < 18.5  # one in a thousand
+    points = Points.load(out / "points.parquet")
+    assert points.code.tolist() == [10 * tag + corner for tag in range(3, 15) for corner in (1, 2, 3, 4)]
+    true = np.column_stack([board_pattern(parse_target("tags:4x3:DICT_4X4_50:50:36:3")).points_mm, np.zeros(48)])
+    scale, R, t = robust_similarity(points.xyz_mm, true)
+    # Noise of 4 DN in 170 leaves about 0.04 px, that is 0.02 mm, of each coordinate in each of seven images.
+    assert np.sqrt(((scale * points.xyz_mm @ R.T + t - true) ** 2).mean()) < 0.03
+    assert abs(scale - 1) < 3e-4
