@@ -90,6 +90,26 @@ def test_tags_on_bent_paper_have_their_numbers_and_their_centres() -> None:
     assert np.abs(found.xy_px - true[found.code - 15]).max() < 1.0
 
 
+def test_a_camera_that_moves_during_the_exposure_hides_neither_numbers_nor_centres() -> None:
+    """A path of 5 px along a diagonal; the model of a blur that is alike all around leaves 11 % of the contrast."""
+    pattern, H = BoardPattern("cctag", 3, 2, 90.0, 66.0, first_tag=9, crowns=3), homography(20, 1.0)
+    path = np.zeros((5, 5))
+    path[np.arange(5), np.arange(5)] = 0.2
+    found = seen(cv2.filter2D(drawn(pattern, H, 1.0), -1, path).round(), 3).observations
+    assert sorted(found.code) == pattern.tags.tolist()
+    true = cv2.perspectiveTransform(pattern.points_mm[None], H)[0][found.code - pattern.first_tag]
+    assert np.linalg.norm(found.xy_px - true, axis=1).max() < 0.04
+
+
+def test_a_tag_whose_white_ends_with_the_image_is_read() -> None:
+    pattern, H = BoardPattern("cctag", 1, 1, 90.0, 66.0, first_tag=22, crowns=3), homography(0, 2.0)
+    image = drawn(pattern, H, 0.5)
+    assert seen(image, 3).observations.code.tolist() == [22]
+    row, column = (np.flatnonzero((image < 100).any(axis=axis)) for axis in (1, 0))
+    tight = image[row[0] - 4 : row[-1] + 5, column[0] - 4 : column[-1] + 5]
+    assert seen(np.ascontiguousarray(tight), 3).observations.code.tolist() == [22]
+
+
 def test_the_centre_of_a_slanted_tag_is_not_that_of_its_ellipse() -> None:
     """Feed the ellipse's centre in, and the error is a hundred times larger."""
     pattern, H = BoardPattern("cctag", 1, 1, 90.0, 80.0, first_tag=4, crowns=3), homography(45, 1.2)

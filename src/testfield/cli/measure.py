@@ -165,7 +165,6 @@ def targets_of(args: argparse.Namespace) -> tuple[Any, str, Path, Any, tuple]:
     from testfield.detect.target_spec import parse_target
     from testfield.errors import TestfieldError
     from testfield.measure.patterns import patterns_of
-    from testfield.measure.single_tags import KINDS as SINGLE_TAGS
     from testfield.scene.shipped import find_field
     from testfield.targets.field_file import field_of_target, load_field_file
 
@@ -179,15 +178,9 @@ def targets_of(args: argparse.Namespace) -> tuple[Any, str, Path, Any, tuple]:
         source, kind_of, beside = str(args.field), f"{args.field}, target.kind", args.field.parent
         field = load_field_file(args.field)
     target, patterns = parse_target(field.target.kind, kind_of), patterns_of(field, source)
-    if not patterns and target.kind not in ("ring", "circles", "cctag", *SINGLE_TAGS):
+    if patterns and field.patterns and target.kind in ("ring", "cctag", "aruco", "apriltag"):
         raise TestfieldError(
-            f"'{field.target.kind}' cannot be measured",
-            kind_of,
-            "ring codes, CCTags and single tags can, and boards",
-        )
-    if patterns and target.kind == "ring":
-        raise TestfieldError(
-            "ring codes are not measured beside boards that calibrate",
+            f"'{field.target.kind}' is not measured beside boards that calibrate",
             f"{source}, target",
             "measure one, then the other",
         )

@@ -1,8 +1,9 @@
 """The forward model of concentric crowns in perspective: what a pixel sees of them, and its fit to pixels.
 
 A tag's plane is seen by x = (A u + t) / (1 + v u), A lower triangular, u in radii of the outer circle: t is where its
-centre is seen, which is not the centre of any of its ellipses. Edges are blurred by a Gaussian that stands for optics
-and pixel, and are straight within it except for their mean bend.
+centre is seen, which is not the centre of any of its ellipses. Edges are blurred by a Gaussian that stands for optics,
+pixel and what the camera moved during the exposure, and are straight within it except for their mean bend. Its variance
+along an edge's normal at an angle f is blur^2 + E cos(2 f) + D sin(2 f), for a camera that moves blurs one way.
 """
 
 from dataclasses import dataclass
@@ -14,7 +15,10 @@ from testfield.camera.images import SensorSheet
 
 SHAPE = 7
 """The first parameters: a11, a21, a22, t (2) in px, v (2)."""
-BLUR, BLACK, CONTRAST, LIGHT_X, LIGHT_Y = range(SHAPE, SHAPE + 5)
+BLUR, BLACK, CONTRAST, LIGHT_X, LIGHT_Y, ALONG_ROWS, DIAGONALLY = range(SHAPE, SHAPE + 7)
+UNEVEN = slice(ALONG_ROWS, DIAGONALLY + 1)
+"""What blurs along the rows more than down the columns, and along one diagonal more than the other, in px^2."""
+ALL = SHAPE + 7
 ROUNDS = 25
 SETTLED_PX = 1e-4
 FIRST_BLUR_PX, LEAST_BLUR_PX, MOST_BLUR_PX = 0.8, 0.25, 5.0
@@ -56,11 +60,12 @@ def shape_of(H: np.ndarray) -> np.ndarray:
 @dataclass(frozen=True)
 class _Places:
     """Of pixels (n,): `rho` radii in radii of the tag, `slope` how much a radius grows by px, and `by_shape` (n, 7) by
-    the parameters of the shape."""
+    the parameters of the shape; `twice` (n, 2) cosine and sine of twice the angle of an edge's normal."""
 
     rho: np.ndarray
     slope: np.ndarray
     by_shape: np.ndarray
+    twice: np.ndarray
 
 
 def _places(theta: np.ndarray, xy_px: np.ndarray) -> _Places:
@@ -73,29 +78,39 @@ def _places(theta: np.ndarray, xy_px: np.ndarray) -> _Places:
     v = (m11 * (y - y0) - m21 * (x - x0)) / determinant
     rho = np.sqrt(u * u + v * v + 1e-12)
     hx, hy = (u * m22 - v * m21) / (determinant * rho), (v * m11 - u * m12) / (determinant * rho)
-    along = hx * x + hy * y
+    along, square = hx * x + hy * y, np.maximum(hx * hx + hy * hy, 1e-30)
+    twice = np.column_stack([(hx * hx - hy * hy) / square, 2 * hx * hy / square])
     by_shape = np.column_stack([-hx * u, -hy * u, -hy * v, -hx, -hy, along * u, along * v])
-    return _Places(rho, np.maximum(np.abs(1 + p * u + q * v) * np.hypot(hx, hy), 1e-9), by_shape)
+    return _Places(rho, np.maximum(np.abs(1 + p * u + q * v) * np.sqrt(square), 1e-9), by_shape, twice)
 
 
 def _modelled(theta: np.ndarray, radii: np.ndarray, xy_px: np.ndarray, middle: np.ndarray) -> tuple:
     """Values (n,) above the sensor's black of pixels (n, 2), of a tag with edges at `radii`, and their derivatives
-    (n, 12); how fast radii grow is taken as constant in the latter."""
+    (n, 14); how fast radii grow and which way edges run is taken as constant in the latter."""
     at = _places(theta, xy_px)
-    blur = theta[BLUR]
+    blur = np.sqrt(np.maximum(theta[BLUR] ** 2 + at.twice @ theta[UNEVEN], LEAST_BLUR_PX**2))
     distance = (radii - at.rho[:, None]) / at.slope[:, None]
-    z = (distance - blur**2 * at.slope[:, None] / (2 * radii)) / blur
+    bend = at.slope[:, None] / (2 * radii)
+    z = (distance - blur[:, None] ** 2 * bend) / blur[:, None]
     sign = (-1.0) ** (np.arange(len(radii)) + 1)
     white = 1 + ndtr(z) @ sign
     dense = np.exp(-0.5 * z * z) * (sign / np.sqrt(2 * np.pi))
     by_rho = -dense.sum(axis=1) / (at.slope * blur)
-    by_blur = (dense * (-distance / blur**2 - at.slope[:, None] / (2 * radii))).sum(axis=1)
+    by_blur = (dense * (-distance / blur[:, None] ** 2 - bend)).sum(axis=1) / blur
     offset = xy_px - middle
-    light = 1 + offset @ theta[LIGHT_X:]
+    light = 1 + offset @ theta[LIGHT_X : LIGHT_Y + 1]
     level = theta[BLACK] + theta[CONTRAST] * white
     factor = light * theta[CONTRAST]
+    by_variance = factor * by_blur  # of the blur, twice
     slopes = np.column_stack(
-        [(factor * by_rho)[:, None] * at.by_shape, factor * by_blur, light, light * white, level[:, None] * offset]
+        [
+            (factor * by_rho)[:, None] * at.by_shape,
+            by_variance * theta[BLUR],
+            light,
+            light * white,
+            level[:, None] * offset,
+            by_variance[:, None] * at.twice / 2,
+        ]
     )
     return light * level, slopes
 
@@ -122,14 +137,14 @@ def fit_crowns(
         return None
     xy, middle = at.astype(float), start[3:5].copy()
     values = image_dn[at[:, 1], at[:, 0]].astype(float) - sheet.black_level_dn
-    theta = np.zeros(SHAPE + 5)
+    theta = np.zeros(ALL)
     theta[: len(start)] = start
     if len(start) == SHAPE:
         theta[BLUR], theta[CONTRAST] = FIRST_BLUR_PX, 1.0
         shown = _modelled(theta, radii, xy, middle)[0]
         theta[CONTRAST], theta[BLACK] = np.polyfit(shown, values, 1)
     size = float(np.hypot(*theta[:2]))
-    steps = np.array([1, 1, 1, 1, 1, 1 / size, 1 / size, 1, abs(theta[CONTRAST]), abs(theta[CONTRAST]), 0.01, 0.01])
+    steps = np.array([1, 1, 1, 1, 1, 1 / size, 1 / size, 1, abs(theta[CONTRAST]), abs(theta[CONTRAST]), 0.01, 0.01, 1, 1])
     with np.errstate(all="ignore"):
         for _ in range(rounds):
             model, slopes = _modelled(theta, radii, xy, middle)
@@ -144,6 +159,9 @@ def fit_crowns(
             step[BLUR] = step[BLUR].clip(-0.3, 0.5)
             theta = theta + step
             theta[BLUR] = theta[BLUR].clip(LEAST_BLUR_PX, MOST_BLUR_PX)
+            # No way is blurred less than least.
+            most = theta[BLUR] ** 2 - LEAST_BLUR_PX**2
+            theta[UNEVEN] *= min(1.0, most / max(float(np.hypot(*theta[UNEVEN])), 1e-12))
             if np.abs(step[:5]).max() < SETTLED_PX:
                 break
         model = _modelled(theta, radii, xy, middle)[0]

@@ -22,6 +22,8 @@ CONCENTRIC = 0.2
 RHO, THETA = np.linspace(0.1, 1.25, 70), np.linspace(0, 2 * np.pi, 64, endpoint=False)
 TILTS = (np.linspace(-0.16, 0.16, 5), np.linspace(-0.06, 0.06, 5), np.linspace(-0.02, 0.02, 5))
 """How far from the ellipse's centre the tag's centre may be seen, in its half axes, coarsely and then finer."""
+WHOLE = 1.05
+"""Radius within which a tag must be in the image."""
 FEW_ROUNDS = 6
 CANDIDATES = 5
 BLURS_PX, LARGER = (0.7, 1.3), np.linspace(0.9, 1.06, 9)
@@ -183,14 +185,16 @@ def _upright(image_dn: np.ndarray, H: np.ndarray) -> np.ndarray:
 
 
 def _profile(image_dn: np.ndarray, H: np.ndarray) -> np.ndarray | None:
-    """(radii, angles) values along `RHO` and `THETA`; None where that is beyond the image."""
+    """(radii, angles) values along `RHO` and `THETA`; None where some of the tag is beyond the image. Of the white around
+    it that may be: the image's border stands for it."""
     u = RHO[:, None] * np.cos(THETA), RHO[:, None] * np.sin(THETA)
     w = H[2, 0] * u[0] + H[2, 1] * u[1] + H[2, 2]
     x, y = ((H[k, 0] * u[0] + H[k, 1] * u[1] + H[k, 2]) / w for k in (0, 1))
     height, width = image_dn.shape
-    if x.min() < 0 or y.min() < 0 or x.max() > width - 1 or y.max() > height - 1:
+    own = RHO < WHOLE
+    if x[own].min() < 0 or y[own].min() < 0 or x[own].max() > width - 1 or y[own].max() > height - 1:
         return None
-    return np.asarray(map_coordinates(image_dn, [y, x], order=1, output=np.float32))
+    return np.asarray(map_coordinates(image_dn, [y, x], order=1, output=np.float32, mode="nearest"))
 
 
 def _alike(profile: np.ndarray, table: np.ndarray, size_px: float) -> list[tuple[int, float]]:
