@@ -302,7 +302,13 @@ def _recall(args: argparse.Namespace) -> int:
     import json
 
     from testfield.bench.recall import bench_recall
+    from testfield.cli.refuse import refuse
 
+    rendered = {"targets": 20000, "empty": 50}
+    if args.hard:
+        refuse(args, "curves of hard dots", rendered | {"quick": False, "kinds": False})
+    if args.kinds:
+        refuse(args, "curves of kinds", rendered)
     if args.hard:
         from testfield.bench.hard_dots import bench_hard, lines
 

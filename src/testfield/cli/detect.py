@@ -6,17 +6,17 @@ from pathlib import Path
 from typing import Any
 
 from testfield.cli.knobs import add_knobs, knobs_of
+from testfield.cli.refuse import OF_DOTS, refuse
 from testfield.store.text import read_text
 
-OF_PHOTOGRAPHS = ("radii", "codes", "polarity", "bayer", "smallest_px", "largest_px", "unclear", "lines", "out")
+OF_PHOTOGRAPHS = dict.fromkeys(("radii", "codes", "polarity", "bayer", "smallest_px", "out")) | OF_DOTS
 OF_KINDS = {
     ("radii", "codes"): ("ring",),
     ("polarity",): ("ring", "circles", "hexcircles"),
     ("smallest_px",): ("ring", "circles", "acircles", "hexcircles"),
-    ("largest_px", "unclear", "lines"): ("ring", "circles", "hexcircles"),
+    tuple(OF_DOTS): ("ring", "circles", "hexcircles"),
 }
 """Which options mean something for which kinds of targets."""
-NAMES = {"polarity": "--white-on-black or --black-on-white"}
 
 
 def add(commands: Any) -> None:
@@ -67,21 +67,11 @@ def act(args: argparse.Namespace) -> int:
     if args.target is None:
         if len(args.what) > 1 or args.what[0].is_file():
             raise TestfieldError("no kind of target is named", "--target", "for ring codes of 14 bits: --target ring14")
-        _refuse(args, "a run, whose scene says it: without --target", OF_PHOTOGRAPHS)
+        refuse(args, "a run, whose scene says it: without --target", OF_PHOTOGRAPHS)
         args.run, args.stage, args.jobs = args.what[0], "detect", args.jobs or os.cpu_count() or 1
         return stage.act(args)
     with only_writer(args.out or Path("renders/detect")):
         return _photographs(args)
-
-
-def _refuse(args: argparse.Namespace, what: str, options: tuple[str, ...]) -> None:
-    """Refuse options that were given and mean nothing for `what`. Raises `TestfieldError` that names the first."""
-    from testfield.errors import TestfieldError
-
-    for option in options:
-        if getattr(args, option) not in (None, False):
-            name = NAMES.get(option, f"--{option.replace('_', '-')}")
-            raise TestfieldError(f"this option does not apply to {what}", name, "leave it out")
 
 
 def _photographs(args: argparse.Namespace) -> int:
@@ -100,7 +90,7 @@ def _photographs(args: argparse.Namespace) -> int:
     target = parse_target(args.target)
     for options, kinds in OF_KINDS.items():
         if target.kind not in kinds:
-            _refuse(args, f"targets of the kind '{target.kind}'", options)
+            refuse(args, f"targets of the kind '{target.kind}'", {name: OF_PHOTOGRAPHS[name] for name in options})
     radii, polarity = args.radii or USUAL, args.polarity or AUTO
     try:
         radii = shape_name(ring_radii(radii))

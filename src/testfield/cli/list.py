@@ -37,7 +37,10 @@ def act(args: argparse.Namespace) -> int:
     """Print name and first sentence of each; of a package that cannot be imported, why."""
     import json
 
+    from testfield.cli.refuse import refuse
+
     if args.pictures is not None:
+        refuse(args, "pictures", {"json": False})
         return _pictures(args)
     found = {kind: _rows(kind) for kind in ([args.what] if args.what else KINDS)}
     if args.json:

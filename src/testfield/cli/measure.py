@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from testfield.cli.knobs import add_knobs, knobs_of
+from testfield.cli.refuse import OF_DOTS
 from testfield.cli.show import add_load, add_strict
 
 
@@ -83,6 +84,7 @@ def _measure(args: argparse.Namespace) -> int:
 
     from testfield.cli.cameras import decoded_of, headers_of, owners_of, taken_of
     from testfield.cli.photographs import Looks, check_shown, held_of, images_in, look_at
+    from testfield.cli.refuse import refuse
     from testfield.cli.show import status_of
     from testfield.detect.photograph import AUTO, ON_BLACK, ON_WHITE, detect_in_photograph
     from testfield.errors import TestfieldError
@@ -95,6 +97,8 @@ def _measure(args: argparse.Namespace) -> int:
     from testfield.targets.code_table import codes_for
 
     field, source, beside, target, patterns = targets_of(args)
+    what, idle = idle_of(args, target, patterns)
+    refuse(args, what, idle)
     hold = held_of(args.hold, args.lens)
     check_shown(args.bayer, args.smallest_px, args.jobs)
     if args.focal_px is not None and not args.focal_px > 0:
@@ -155,6 +159,20 @@ def _measure(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps(summary))
     return status_of(summary["failures"], args.strict)
+
+
+def idle_of(args: argparse.Namespace, target: Any, patterns: tuple) -> tuple[str, dict[str, Any]]:
+    """In words what is measured, and the options that mean nothing for it, with their defaults."""
+    dots = OF_DOTS | {"smallest_px": 5.0}
+    if args.observations is not None:
+        return "observations that are there", dots | {"bayer": None}
+    kinds = {one.target.kind for one in patterns} or {target.kind}
+    idle: dict[str, Any] = {"size_px": None}
+    if not kinds & {"ring", "circles", "hexcircles"}:
+        idle |= OF_DOTS if "acircles" in kinds else dots
+    if patterns:
+        idle["focal_px"] = None
+    return f"photographs of {', '.join(sorted(kinds))}", idle
 
 
 def targets_of(args: argparse.Namespace) -> tuple[Any, str, Path, Any, tuple]:

@@ -31,7 +31,10 @@ def act(args: argparse.Namespace) -> int:
 
 
 def _algorithm(args: argparse.Namespace) -> int:
+    from testfield.cli.refuse import refuse
     from testfield.measure.skeletons import write_skeleton
+
+    refuse(args, "an algorithm, whose files are never written over", {"force": False})
 
     for path in write_skeleton(args.name, args.kind, args.out):
         print(path)
@@ -41,10 +44,12 @@ def _algorithm(args: argparse.Namespace) -> int:
 
 def _scene(args: argparse.Namespace) -> int:
     from testfield.author.templates import described, templates, write_template
+    from testfield.cli.refuse import refuse
     from testfield.errors import TestfieldError, nearest
 
     if args.what not in templates():
         raise TestfieldError("no such template", args.what, nearest(args.what, [*templates(), ALGORITHM]))
+    refuse(args, "a template", {"kind": "centroid"})
     paths = write_template(args.what, args.name, args.out, args.force)
     for path in paths:
         print(path)

@@ -52,6 +52,7 @@ def act(args: argparse.Namespace) -> int:
     from testfield.chain.progress import bar
     from testfield.chain.run import resume, scene_of
     from testfield.chain.trials import BLOCK, Trials
+    from testfield.cli.refuse import refuse
     from testfield.errors import TestfieldError
     from testfield.store.kept import make_each
     from testfield.store.lock import only_writer
@@ -64,6 +65,8 @@ def act(args: argparse.Namespace) -> int:
         raise TestfieldError(f"value {most} is too few for the depth '{args.depth}'", "--trials", f"give {least}")
     if args.cluster is not None and args.depth == "rays":
         raise TestfieldError("trials of rays take seconds in one process", "--cluster", "choose another --depth")
+    if args.depth != "rays":
+        refuse(args, f"the depth '{args.depth}'", {"shortest": False})
     scene_of(args.run)
     with only_writer(args.run), cluster_of(args, args.run) as pool:
         trials = Trials(resume(args.run, 1), args.depth)

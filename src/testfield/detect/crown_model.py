@@ -144,7 +144,9 @@ def fit_crowns(
         shown = _modelled(theta, radii, xy, middle)[0]
         theta[CONTRAST], theta[BLACK] = np.polyfit(shown, values, 1)
     size = float(np.hypot(*theta[:2]))
-    steps = np.array([1, 1, 1, 1, 1, 1 / size, 1 / size, 1, abs(theta[CONTRAST]), abs(theta[CONTRAST]), 0.01, 0.01, 1, 1])
+    steps = np.array(
+        [1, 1, 1, 1, 1, 1 / size, 1 / size, 1, abs(theta[CONTRAST]), abs(theta[CONTRAST]), 0.01, 0.01, 1, 1]
+    )
     with np.errstate(all="ignore"):
         for _ in range(rounds):
             model, slopes = _modelled(theta, radii, xy, middle)

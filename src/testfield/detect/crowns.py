@@ -185,8 +185,8 @@ def _upright(image_dn: np.ndarray, H: np.ndarray) -> np.ndarray:
 
 
 def _profile(image_dn: np.ndarray, H: np.ndarray) -> np.ndarray | None:
-    """(radii, angles) values along `RHO` and `THETA`; None where some of the tag is beyond the image. Of the white around
-    it that may be: the image's border stands for it."""
+    """(radii, angles) values along `RHO` and `THETA`; None where some of the tag is beyond the image. The white around
+    it may be: the image's border stands for it."""
     u = RHO[:, None] * np.cos(THETA), RHO[:, None] * np.sin(THETA)
     w = H[2, 0] * u[0] + H[2, 1] * u[1] + H[2, 2]
     x, y = ((H[k, 0] * u[0] + H[k, 1] * u[1] + H[k, 2]) / w for k in (0, 1))
