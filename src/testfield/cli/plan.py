@@ -110,7 +110,9 @@ def _check(args: argparse.Namespace) -> None:
             option = f"--{name.replace('_', '-')}"
             raise TestfieldError("nothing is proposed without --next or --goal", option, "add one of them")
     if args.force and args.out is None and args.page is None:
-        raise TestfieldError("nothing is written that could be there", "--force", "add --out or --page, or leave it out")
+        raise TestfieldError(
+            "nothing is written that could be there", "--force", "add --out or --page, or leave it out"
+        )
     if args.mesh and args.candidates != "mesh":
         raise TestfieldError(f"{args.candidates} candidates stand around no mesh", "--mesh", "add --candidates mesh")
     for name in ("out", "page"):
