@@ -6,13 +6,17 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import cKDTree
 
+from testfield.author.twin_shape import similarity
 from testfield.calibrate.calibration import Calibration
 from testfield.detect.observations import MEASURED, Observations
 from testfield.reconstruct.points import Points
+from testfield.scene.build import build_world
 from testfield.scene.schema import SceneFile
 
 ALIKE, UNLIKE = 1.5, 0.3
 """A ratio up to which two scatters are alike, and a difference of correlations beyond which there is a reason."""
+MOST_MARKS = 1_000_000
+"""More than any board has: numbers of marks, board by board."""
 PLACES = 6
 """Decimals of a pixel by which a residual finds its observation."""
 
@@ -72,9 +76,11 @@ def compared(job: Measured, twin: Measured, scene: SceneFile) -> list[Row]:
         _row("correlation of neighbours in an image", [f"{likeness(one):.2f}" for one in (job, twin)]),
     ]
     rows.append(Row("targets adjusted", str(_adjusted(job, coded)), str(_adjusted(twin, coded))))
-    for name in ("fx", "cx", "cy"):
-        rows.append(_row(f"{name} ± u, px", [_parameter(one.calibration, name) for one in (job, twin)]))
-    rows.append(_focal_error(twin, scene))
+    for k in range(min(len(job.calibration.interiors), len(twin.calibration.interiors))):
+        camera = f"{job.calibration.camera_names[k]}: " if job.calibration.more_cameras else ""
+        for name in ("fx", "cx", "cy"):
+            rows.append(_row(f"{camera}{name} ± u, px", [_parameter(one.calibration, k, name) for one in (job, twin)]))
+        rows.append(_focal_error(twin, scene, k, camera))
     if coded:
         rows += _of_points(job, twin, scene)
     return rows
@@ -99,8 +105,8 @@ def reasons(job: Measured, twin: Measured) -> list[str]:
             )
     elif max(raw, 1 / raw) > ALIKE:
         said.append(
-            "corrected for redundancy both scatter alike; the residuals differ because other targets, which the twin "
-            "does not have, control the codes as well"
+            "corrected for redundancy both scatter alike; the residuals differ because other targets control the codes "
+            "in the photographs than in the twin"
         )
     return said
 
@@ -140,8 +146,9 @@ def likeness(measured: Measured) -> float:
     taken out: 0 where only noise is left, near 1 where something smooth differs from image to image."""
     rows, residual = residuals_of(measured)
     o, own = measured.observations, residual.copy()
-    for mark in np.unique(o.point[rows]):
-        same = o.point[rows] == mark
+    mark_of = np.where(o.point[rows] >= 0, o.point[rows] + MOST_MARKS * np.maximum(o.board[rows], 0), -1)
+    for mark in np.unique(mark_of):
+        same = mark_of == mark
         if mark >= 0 and same.sum() > 2:
             own[same] -= own[same].mean(axis=0)
     products, squares = 0.0, 0.0
@@ -154,23 +161,31 @@ def likeness(measured: Measured) -> float:
     return products / squares if squares else 0.0
 
 
-def _parameter(calibration: Calibration, name: str) -> str:
-    u = (
-        float(np.sqrt(calibration.covariance[k, k]))
-        if calibration.states([name]) and (k := int(calibration.index([name])[0])) >= 0
-        else float("nan")
+def _parameter(calibration: Calibration, camera: int, name: str) -> str:
+    inner = calibration.interiors[camera]
+    label = calibration.interior_unknowns(camera)[inner.names.index(name)]
+    u = float("nan")
+    if calibration.states([label]):
+        k = int(calibration.index([label])[0])
+        u = float(np.sqrt(calibration.covariance[k, k]))
+    return f"{getattr(inner, name):.2f} ± {u:.2f}"
+
+
+def _focal_error(twin: Measured, scene: SceneFile, camera: int, head: str) -> Row:
+    part = scene.camera
+    if scene.cameras:
+        part = next(one for one in scene.cameras if one.name == twin.calibration.camera_names[camera])
+    true = 1000 * part.focal_length_mm / part.pixel_pitch_um
+    return Row(
+        f"{head}actual error of the focal length", "unknown", f"{twin.calibration.interiors[camera].fx - true:+.3f} px"
     )
-    return f"{getattr(calibration.interior, name):.2f} ± {u:.2f}"
-
-
-def _focal_error(twin: Measured, scene: SceneFile) -> Row:
-    true = 1000 * scene.camera.focal_length_mm / scene.camera.pixel_pitch_um
-    return Row("actual error of the focal length", "unknown", f"{twin.calibration.interior.fx - true:+.3f} px")
 
 
 def _of_points(job: Measured, twin: Measured, scene: SceneFile) -> list[Row]:
     """Stated uncertainty of the codes' coordinates, and the twin's actual errors after a fit of seven parameters."""
-    true = {one.code: np.array(one.position_mm) for one in scene.check_targets if one.generator == "single"}
+    world = build_world(scene)
+    true = dict(zip(world.marks.code.tolist(), world.mark_world_mm, strict=True))
+    true.pop(0, None)
     both = [k for k in range(len(twin.points)) if int(twin.points.code[k]) in true]
     rows = [_row("stated u of a code's coordinate, rms", [f"{_stated(one.points):.4f} mm" for one in (job, twin)])]
     if len(both) < 4:
@@ -191,8 +206,5 @@ def _stated(points: Points) -> float:
 
 def fitted(found: np.ndarray, target: np.ndarray) -> np.ndarray:
     """(n, 3) `found` moved, turned and scaled onto `target` by least squares (Umeyama 1991)."""
-    a, b = found - found.mean(axis=0), target - target.mean(axis=0)
-    U, S, Vt = np.linalg.svd(b.T @ a)
-    D = np.diag([1, 1, np.sign(np.linalg.det(U @ Vt))])
-    scale = float((S * np.diag(D)).sum() / (a**2).sum())
-    return np.asarray(scale * a @ (U @ D @ Vt).T + target.mean(axis=0))
+    scale, R, t = similarity(found, target)
+    return np.asarray(scale * found @ R.T + t)

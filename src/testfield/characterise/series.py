@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 from testfield.camera.mosaic import ORDERS
+from testfield.characterise.camera_raw import CAMERA_RAW, read_camera_raw
 from testfield.errors import TestfieldError
 
 MOST_MEGAPIXELS = 160
@@ -69,6 +70,8 @@ def read_raw(path: Path, shape: tuple[int, int] | None) -> np.ndarray:
         data = np.fromfile(path, np.uint8)
     except OSError as error:
         raise TestfieldError(f"cannot be read ({error.strerror})", str(path), "give an image file") from error
+    if path.suffix.lower() in CAMERA_RAW:
+        return read_camera_raw(path)[0]
     if path.suffix.lower() == ".raw":
         if shape is None or data.size not in (shape[0] * shape[1], 2 * shape[0] * shape[1]):
             raise TestfieldError(f"{data.size} bytes are no image of {shape}", str(path), "state width and height")

@@ -7,25 +7,40 @@ from dataclasses import replace
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+from testfield.characterise.camera_raw import CAMERA_RAW, read_camera_raw
 from testfield.characterise.series import Level, Series
 from testfield.errors import TestfieldError
 from testfield.store.text import decoded
 from testfield.store.toml import parse_toml, read_toml
 
-IMAGES = (".png", ".tif", ".tiff", ".bmp", ".pgm", ".raw")
+IMAGES = (".png", ".tif", ".tiff", ".bmp", ".pgm", ".raw", *CAMERA_RAW)
 PER_MS = {"ns": 1e-6, "us": 1e-3, "µs": 1e-3, "ms": 1.0, "s": 1e3}
 TIME = re.compile(r"(?<![\dA-Za-z.])(\d+(?:\.\d+)?)\s*(ns|us|µs|ms|s)(?![A-Za-z])")
 PHOTONS = re.compile(r"(?<![\dA-Za-z.])(\d+(?:\.\d+)?)\s*photons?(?![A-Za-z])", re.IGNORECASE)
 DARK = re.compile(r"(?<![A-Za-z])(dark|darks|bias)(?![A-Za-z])", re.IGNORECASE)
+SHORTEST_LONGEST_MS = 0.02
+"""A series of exposures whose longest is shorter than this is in another unit of time, most likely."""
 OF_SERIES = ("bits", "bayer", "width_px", "height_px", "wavelength_nm", "pixel_pitch_um", "levels")
 OF_LEVEL = ("images", "time_ms", "light", "photons")
 
 
-def series_of(path: Path) -> Series:
-    """The frames that a path names. Raises `TestfieldError` where it is none of the forms, or frames are missing."""
+def series_of(path: Path, time_unit: str | None = None) -> Series:
+    """The frames that a path names. `time_unit` of a descriptor's exposure times, ns where absent as its reference
+    implementation has it. Camera raw files tell the order of their colour filters.
+
+    Raises `TestfieldError` where the path is none of the forms, or frames are missing.
+    """
+    found = _series_of(path, time_unit)
+    first = found.levels[0].images[0]
+    if found.bayer is None and first.suffix.lower() in CAMERA_RAW:
+        return replace(found, bayer=read_camera_raw(first)[1])
+    return found
+
+
+def _series_of(path: Path, time_unit: str | None) -> Series:
     if path.is_dir():
         tables = [path / name for name in ("sensor_frames.toml", "sensor_frames.csv") if (path / name).is_file()]
-        return series_of(tables[0]) if tables else _of_folder(path)
+        return _series_of(tables[0], time_unit) if tables else _of_folder(path)
     if not path.exists():
         raise TestfieldError("no such file or folder", str(path), "name a folder of frames, or a table of them")
     suffix = path.suffix.lower()
@@ -35,7 +50,7 @@ def series_of(path: Path) -> Series:
         text = decoded(path.read_bytes())
     except UnicodeDecodeError as error:
         raise TestfieldError("this is no text", str(path), "name a folder, a .toml, a .csv, or a descriptor") from error
-    return _of_csv(text, path) if suffix == ".csv" else _of_descriptor(text, path)
+    return _of_csv(text, path) if suffix == ".csv" else _of_descriptor(text, path, time_unit)
 
 
 def _of_folder(folder: Path) -> Series:
@@ -124,9 +139,10 @@ def _of_toml(path: Path) -> Series:
     )
 
 
-def _of_descriptor(text: str, path: Path) -> Series:
-    """The EMVA 1288 descriptor format: `n` bits width height, `b` time_ns photons, `d` time_ns, `i` image, `v` version;
-    public reference data sets have it (github.com/EMVA1288/datasets)."""
+def _of_descriptor(text: str, path: Path, time_unit: str | None) -> Series:
+    """The EMVA 1288 descriptor format: `n` bits width height, `b` time photons, `d` time, `i` image, `v` version; times
+    in ns. Public reference data sets have it (github.com/EMVA1288/datasets); the standard itself leaves files open, and
+    one of these three sets has times that make no sense in ns."""
     levels: list[Level] = []
     bits, shape = None, None
     for number, line in enumerate(text.splitlines(), 1):
@@ -143,10 +159,17 @@ def _of_descriptor(text: str, path: Path) -> Series:
             shape = (height, width)
         elif (mark == "b" and len(words) == 2) or (mark == "d" and len(words) == 1):
             numbers = [_number(word, where) for word in words]
-            levels.append(Level((), numbers[0] * 1e-6, numbers[1] if mark == "b" else 0.0))
+            levels.append(Level((), numbers[0] * PER_MS[time_unit or "ns"], numbers[1] if mark == "b" else 0.0))
         elif mark not in ("v", "l"):
             raise TestfieldError(f"'{line[:60]}' is no line of an EMVA 1288 descriptor", where, "see FORMATS.md")
-    return Series(tuple(levels), True, str(path), bits, None, shape)
+    longest = max((level.time_ms or 0.0 for level in levels), default=0.0)
+    notes: tuple[str, ...] = ()
+    if time_unit is None and 0 < longest < SHORTEST_LONGEST_MS:
+        notes = (
+            f"the longest exposure is {1000 * longest:.3g} µs with times in ns, as descriptors have them, which few "
+            "cameras can: where the file means µs (--time-unit us), the dark current is a thousandth of what is stated",
+        )
+    return Series(tuple(levels), True, str(path), bits, None, shape, notes=notes)
 
 
 def _there(folder: Path, name: str, where: str) -> Path:

@@ -19,6 +19,11 @@ def add(commands: Any) -> None:
     p.add_argument("--bits", type=int, metavar="N", help="of the converter (default: by the largest number)")
     p.add_argument("--wavelength-nm", type=float, metavar="NM", help="of the light, for the scene's sensor")
     p.add_argument("--pitch-um", type=float, metavar="UM", help="pixel pitch, for the scene's camera")
+    p.add_argument(
+        "--time-unit",
+        choices=["ns", "us", "ms", "s"],
+        help="of the exposure times in an EMVA 1288 descriptor (default: ns)",
+    )
     p.add_argument("--out", type=Path, metavar="FOLDER", help="where everything goes (default: renders/sensor)")
     p.add_argument("--json", action="store_true", help="print one JSON object")
     p.set_defaults(act=act)
@@ -49,7 +54,7 @@ def _characterise(args: argparse.Namespace) -> int:
         value = getattr(args, name)
         if value is not None and not 0 < value < 1e5:
             raise TestfieldError(f"value {value}", f"--{name.replace('_', '-')}", "give a positive number")
-    series = series_of(args.frames)
+    series = series_of(args.frames, args.time_unit)
     given = {
         "bayer": args.bayer,
         "bits": args.bits,

@@ -48,62 +48,55 @@ def _twin(args: argparse.Namespace, out: Path) -> int:
 
     from testfield.author.twin import twin_of
     from testfield.author.twin_compare import Measured, compared, reasons
-    from testfield.camera.photograph import read_photograph
     from testfield.chain.complete import complete
-    from testfield.cli.photographs import images_in
     from testfield.cli.show import jobs_of
-    from testfield.detect.target_spec import parse_target
-    from testfield.errors import TestfieldError
     from testfield.measure.job_file import JOB, load_job
-    from testfield.measure.seen import seen_in
     from testfield.scene.load import load_scene
     from testfield.store.text import write_text
-    from testfield.targets.field_file import load_field_file
 
     job = load_job(args.run / JOB)
-    named = job.option("--field")
-    if named is None or job.cameras:
-        raise TestfieldError(
-            "a twin is written of a job of one camera that was measured with a field file",
-            str(args.run / JOB),
-            "measure again with --field FIELD.toml, whose [target] says what --target did (scenes/README.md)",
-        )
+    field, source, beside, target, patterns = _targets(job, args.run / JOB)
     measured = Measured.load(args.run)
-    field, source = load_field_file(Path(named)), Path(named)
-    target = parse_target(field.target.kind, f"{source}, target.kind")
     say = sys.stderr if args.json else sys.stdout
-    wanted, photographs = set(measured.observations.stations), []
-    for _, path in images_in(job.images):
-        if path.stem in wanted:
-            photographs.append(read_photograph(path, job.option("--bayer")))
-    if not photographs:
-        raise TestfieldError("none of the job's photographs is where it was", str(job.images[0]), "put them back")
-    seen = seen_in(photographs, measured.observations)
+    taken = _photographs(job, field, source, measured)
+    seen = tuple(_seen_by(measured, taken, k) for k in range(len(measured.calibration.interiors)))
     name = f"twin-{args.run.resolve().name}"
+    hold = tuple(word.strip() for word in (job.option("--hold") or "").split(",") if word.strip())
     twin = twin_of(
-        name, measured.calibration, measured.points, measured.observations, field, target, seen, source.parent
+        name,
+        measured.calibration,
+        measured.points,
+        measured.observations,
+        field,
+        target,
+        patterns,
+        seen,
+        beside,
+        hold,
     )
     path = args.scene or out / "twin.toml"
     if args.scene is None:
         head = "".join(f"# {line}\n" for line in (f"Made by testfield twin of {args.run}.", *twin.notes))
         write_text(path, head + "\n" + tomli_w.dumps(twin.scene))
     scene = load_scene(path)
-    colours = "bright on dark" if seen.white_on_black else "dark on bright"
-    print(
-        f"{len(photographs)} photographs: dots {seen.ink_dn:.0f} DN, around them {seen.ground_dn:.0f} DN ({colours}); "
-        f"blur {seen.blur_px:.2f} px; noise {seen.read_noise_e / seen.gain_e_per_dn:.2f} DN in the dark, "
-        f"{seen.gain_e_per_dn:.3g} e-/DN; {seen.bits} bits",
-        file=say,
-    )
+    for camera, one in zip(measured.calibration.camera_names or ("",), seen, strict=True):
+        colours = "bright on dark" if one.white_on_black else "dark on bright"
+        print(
+            f"{camera}{': ' * bool(camera)}marks {one.ink_dn:.0f} DN, around them {one.ground_dn:.0f} DN ({colours}); "
+            f"blur {one.blur_px:.2f} px; noise {one.read_noise_e / one.gain_e_per_dn:.2f} DN in the dark, "
+            f"{one.gain_e_per_dn:.3g} e-/DN; {one.bits} bits",
+            file=say,
+        )
     for note in twin.notes:
         print(f"note: {note}", file=say)
     print(f"scene: {path}", file=say)
     if not (args.measure or args.scene):
         if args.json:
-            print(json.dumps({"scene": str(path), "seen": asdict(seen), "notes": list(twin.notes)}))
+            print(json.dumps({"scene": str(path), "seen": [asdict(one) for one in seen], "notes": list(twin.notes)}))
         return 0
     run, _ = complete(path, out / "run", jobs=jobs_of(args.jobs), stages=("render", "expose"))
-    _measure_again(run.folder / "frames", job.options, out / "measured")
+    frames = _as_taken(taken, run.folder / "frames", out / "photographs") if job.cameras else [run.folder / "frames"]
+    _measure_again(frames, job.options, out / "measured")
     again = Measured.load(out / "measured")
     rows, why = compared(measured, again, scene), reasons(measured, again)
     if args.json:
@@ -111,7 +104,7 @@ def _twin(args: argparse.Namespace, out: Path) -> int:
             json.dumps(
                 {
                     "scene": str(path),
-                    "seen": asdict(seen),
+                    "seen": [asdict(one) for one in seen],
                     "notes": list(twin.notes),
                     "rows": [asdict(row) for row in rows],
                     "reasons": why,
@@ -128,13 +121,75 @@ def _twin(args: argparse.Namespace, out: Path) -> int:
     return 0
 
 
-def _measure_again(frames: Path, options: tuple[str, ...], out: Path) -> None:
+def _targets(job: Any, where: Path) -> tuple[Any, str, Path, Any, tuple]:
+    """What the job measured. Raises `TestfieldError` where it does not say so, or where its photographs are not told
+    from each other any more."""
+    from testfield.cli.measure import targets_of
+    from testfield.errors import TestfieldError
+
+    field, target = job.option("--field"), job.option("--target")
+    if not job.images:
+        raise TestfieldError("this job was measured from observations: no photograph shows its light", str(where))
+    given = argparse.Namespace(field=Path(field) if field else None, target=target or "ring14")
+    found = targets_of(given)
+    if job.cameras and not found[0].cameras and not {"--rig", "--by-folder"} & set(job.options):
+        raise TestfieldError("nothing says which camera took which photograph", str(where), "measure again")
+    return found
+
+
+def _photographs(job: Any, field: Any, source: str, measured: Any) -> list[tuple[str, Path, str, Path]]:
+    """Name, file, camera and folder of each of the job's photographs that was oriented.
+
+    Raises `TestfieldError` where none is where it was.
+    """
+    from testfield.cli.cameras import owners_of
+    from testfield.cli.photographs import images_in
+    from testfield.errors import TestfieldError
+
+    lens = job.option("--lens") or "brown"
+    by_folder, rig = "--by-folder" in job.options, "--rig" in job.options
+    owners = owners_of(list(job.images), field, source, lens, by_folder, rig) if job.cameras else None
+    wanted, taken = set(measured.calibration.station_names), []
+    for folder, path in images_in(job.images):
+        name = owners.name_of(path.stem, folder) if owners else path.stem
+        if name in wanted:
+            taken.append((name, path, owners.by_folder[folder] if owners else "", folder))
+    if not taken:
+        raise TestfieldError("none of the job's photographs is where it was", str(job.images[0]), "put them back")
+    return taken
+
+
+def _seen_by(measured: Any, taken: list[tuple[str, Path, str, Path]], camera: int) -> Any:
+    """What the photographs of one of the cameras show of their light."""
+    from dataclasses import replace
+
+    from testfield.camera.photograph import read_photograph
+    from testfield.measure.seen import seen_in
+
+    names = measured.calibration.camera_names
+    own = [one for one in taken if not names or one[2] == names[camera]]
+    return seen_in([replace(read_photograph(path), name=name) for name, path, *_ in own], measured.observations)
+
+
+def _as_taken(taken: list[tuple[str, Path, str, Path]], frames: Path, out: Path) -> list[Path]:
+    """Rendered frames laid out as the photographs were: a folder for each camera, names as they were."""
+    import shutil
+
+    folders: dict[Path, Path] = {}
+    for name, path, _, folder in taken:
+        own = folders.setdefault(folder, out / folder.name)
+        own.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(frames / f"{name}.png", own / f"{path.stem}.png")
+    return list(folders.values())
+
+
+def _measure_again(frames: list[Path], options: tuple[str, ...], out: Path) -> None:
     """Measure rendered frames as the job was measured. Raises `TestfieldError` as `testfield measure` does."""
     import contextlib
     import sys
 
     from testfield.cli.main import parser
 
-    again = parser().parse_args(["measure", str(frames), *options, "--out", str(out)])
+    again = parser().parse_args(["measure", *map(str, frames), *options, "--out", str(out)])
     with contextlib.redirect_stdout(sys.stderr):
         again.act(again)

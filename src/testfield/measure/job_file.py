@@ -29,6 +29,9 @@ OPTIONS = (
 TURNED_OFF = ("dense", "shade")
 """The same of options that turn something off: `--no-dense`."""
 
+FLAGS = ("by_folder", "rig")
+"""The same of options that have no value."""
+
 
 @dataclass(frozen=True)
 class Job:
@@ -52,6 +55,7 @@ def job_of(arguments: dict[str, Any]) -> Job:
             text = str(value.resolve()) if isinstance(value, Path) else str(value)
             options += [f"--{name.replace('_', '-')}", text]
     options += [f"--no-{name}" for name in TURNED_OFF if arguments.get(name) is False]
+    options += [f"--{name.replace('_', '-')}" for name in FLAGS if arguments.get(name)]
     several = bool(arguments.get("by_folder") or arguments.get("rig"))
     return Job(tuple(path.resolve() for path in arguments.get("images") or ()), tuple(options), several)
 

@@ -11,6 +11,7 @@ from testfield.camera.photograph import Photograph
 from testfield.detect.noise import estimate_sheet
 from testfield.detect.observations import MEASURED, Observations
 from testfield.errors import TestfieldError
+from testfield.measure.seen_corners import crossings
 
 LEAST_DIAMETER_PX, MOST_DOTS = 8.0, 60
 INSIDE, OUTSIDE_RADII = 0.75, (1.25, 1.6)
@@ -40,12 +41,21 @@ class Seen:
 
 
 def seen_in(photographs: Sequence[Photograph], observations: Observations) -> Seen:
-    """Raises `TestfieldError` where no photograph shows a measured dot that is large enough."""
+    """What photographs, by their names in `observations`, show. Where corners were measured and no dots, white is the
+    ground and black the ink of the squares.
+
+    Raises `TestfieldError` where no photograph shows a measured dot or crossing corner that is large enough.
+    """
     levels, blurs, sheets = [], [], []
     station = {name: k for k, name in enumerate(observations.stations)}
     for photograph in photographs:
         own = observations.take((observations.station == station[photograph.name]) & (observations.status == MEASURED))
         sheets.append(estimate_sheet(photograph.pixels, photograph.bits, photograph.end_dn))
+        if len(own) and not np.isfinite(own.moments_px2).any():
+            for black, white, sigma in crossings(photograph.pixels, own.xy_px, MOST_DOTS):
+                levels.append((black, white))
+                blurs.append(sigma)
+            continue
         large = np.flatnonzero(own.diameter_px >= LEAST_DIAMETER_PX)
         large = large[np.argsort(-own.diameter_px[large], kind="stable")][:: max(1, len(large) // MOST_DOTS)]
         for k in large:
@@ -55,7 +65,9 @@ def seen_in(photographs: Sequence[Photograph], observations: Observations) -> Se
                 blurs.append(one[2])
     if not levels:
         raise TestfieldError(
-            f"no measured dot of {LEAST_DIAMETER_PX:g} px or more", "photographs", "give larger images of the targets"
+            f"no measured dot of {LEAST_DIAMETER_PX:g} px or more and no corner of squares",
+            "photographs",
+            "give larger images of the targets",
         )
     ink, ground = np.median(np.array(levels), axis=0)
     gain = float(np.clip(np.median([sheet.gain_e_per_dn for sheet in sheets]), 1e-3, 1e4))

@@ -29,6 +29,17 @@ class ExtensionZone(Part):
     centre_mm: Pair = Field(
         (0, 0), description="Middle of the grid on the board, x right and y up from the board's middle."
     )
+    places_mm: tuple[Pair, ...] | None = Field(
+        None,
+        min_length=1,
+        max_length=10000,
+        description="Places of dots one by one, from `centre_mm`, instead of columns, rows and pitch_mm.",
+    )
+
+    @property
+    def count(self) -> int:
+        """How many dots it has."""
+        return self.columns * self.rows if self.places_mm is None else len(self.places_mm)
 
 
 class RecognitionZone(Part):
@@ -45,6 +56,17 @@ class RecognitionZone(Part):
         None, description="Number of the first target; the rest follow row by row from the top left."
     )
     codes: tuple[PositiveInt, ...] | None = Field(None, description="Numbers one by one instead of first_code.")
+    places_mm: tuple[Pair, ...] | None = Field(
+        None,
+        min_length=1,
+        max_length=10000,
+        description="Places of targets one by one, from `centre_mm`, instead of columns, rows and pitch_mm.",
+    )
+
+    @property
+    def count(self) -> int:
+        """How many targets it has."""
+        return self.columns * self.rows if self.places_mm is None else len(self.places_mm)
 
 
 class CharucoPart(Part):
@@ -319,12 +341,29 @@ class BoardPart(Part):
     bow_axis_deg: float = Field(
         90, description="Direction of the bending axis on the board, counter-clockwise from its x; 90 is upright."
     )
-
+    marks_off_mm: tuple[Vector3, ...] | None = Field(
+        None,
+        description="By how much each mark truly lies off its nominal place, as somebody measured: in x, in y and "
+        "towards the viewer, of coded targets first and then of dots, or of all circles of a pattern, row by row from "
+        "the top left. Marks with heights lie on flat pieces that lean as their neighbours lie: a wavy sheet.",
+    )
     dirt: DirtPart | None = Field(None, description="Spots of dirt; absent for a clean board.")
 
     @model_validator(mode="after")
     def _bendable(self) -> "BoardPart":
         curvature_of(self.bow_mm, extent_mm(self.size_mm, math.radians(self.bow_axis_deg)))
+        return self
+
+    @model_validator(mode="after")
+    def _places_off(self) -> "BoardPart":
+        if self.marks_off_mm is None:
+            return self
+        if self.pattern is not None and self.pattern.pattern.has_corners:
+            raise ValueError(
+                f"the lines of a {self.pattern.kind} board are printed in one piece: leave out marks_off_mm"
+            )
+        if self.bow_mm and any(height for _, _, height in self.marks_off_mm):
+            raise ValueError("both bow_mm and heights in marks_off_mm are given; give one of them")
         return self
 
     @model_validator(mode="after")

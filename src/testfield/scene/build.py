@@ -20,6 +20,7 @@ from testfield.scene.sky import sky_of
 from testfield.scene.stickers import stickers
 from testfield.scene.target_parts import CheckOnBoard
 from testfield.scene.true_camera import flash, true_interior, true_motion, true_optics
+from testfield.scene.wavy import UNDER_PIECES_MM, marks_off, pieces
 from testfield.scene.world import (
     BAR,
     BOARD,
@@ -75,16 +76,33 @@ def build_world(scene: SceneFile, workshop: int | None = None) -> World:
             )
         corners = nominal.has_corners
         size = (1 + scale_error) * (1 + 1e-6 * board.scale_error_ppm)
+        off_mm = marks_off(board, len(nominal.marks), k)
+        size = (1 + scale_error) * (1 + 1e-6 * board.scale_error_ppm)
+        true_xy = nominal.marks.xy_mm * size + nominal.u_xy_mm * _misprints(board, len(nominal.marks), made)
+        true_xy = true_xy + off_mm[:, :2]
+        wavy = pieces(true_xy, off_mm[:, 2], board.size_mm) if off_mm[:, 2].any() else []
+        lowest = min((piece.lowest_mm - UNDER_PIECES_MM for piece in wavy), default=0.0)
         panel = parts.panel(
-            board.name, R, t, board.size_mm, board.thickness_mm, board.ink, curvature, axis_rad, corners
+            board.name,
+            R,
+            t + lowest * R[:, 2],
+            board.size_mm,
+            board.thickness_mm,
+            board.ink,
+            curvature,
+            axis_rad,
+            corners,
         )
         if nominal.pattern is not None and corners:
             discs = nominal.pattern.discs
             scaled = None if discs is None else discs.scaled(size)
             parts.prints.append(Print(panel, nominal.pattern.cells.scaled(size), scaled))
-        true_xy = nominal.marks.xy_mm * size + nominal.u_xy_mm * _misprints(board, len(nominal.marks), made)
         for i, xy in enumerate(true_xy):
-            parts.mark(panel, xy, nominal.marks.diameter_mm[i], int(nominal.marks.code[i]), BOARD, k, i, corners)
+            on, at = panel, xy
+            if wavy:
+                on = parts.sticker(f"{board.name} {i}", *wavy[i].placed(R, t), wavy[i].size_mm, board.ink)
+                at = wavy[i].mark_mm
+            parts.mark(on, at, nominal.marks.diameter_mm[i], int(nominal.marks.code[i]), BOARD, k, i, corners)
         for number, check in enumerate(scene.check_targets):
             if isinstance(check, CheckOnBoard) and check.board == board.name:
                 if corners:
@@ -227,7 +245,9 @@ def _misprints(board: BoardPart, marks: int, made: int) -> np.ndarray:
     zones = {"coded": board.recognition_zone, "dots": board.extension_zone}
     return np.concatenate(
         [
-            Plane(made, f"print/{board.name}/{name}").normals(range(zone.rows), 2 * zone.columns).reshape(-1, 2)
+            normals(made, f"print/{board.name}/{name}/listed", zone.count, 2)
+            if zone.places_mm is not None
+            else Plane(made, f"print/{board.name}/{name}").normals(range(zone.rows), 2 * zone.columns).reshape(-1, 2)
             for name, zone in zones.items()
         ]
     )

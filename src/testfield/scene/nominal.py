@@ -39,7 +39,7 @@ def nominal_board(board: BoardPart, bits: int, index: int) -> NominalBoard:
         u_xy_mm = 0.0 if printed.has_corners else board.print_sigma_mm
         return NominalBoard(board.name, marks, u_xy_mm, 0.0, printed, board.size_mm)
     zone = board.recognition_zone
-    count = zone.columns * zone.rows
+    count = zone.count
     if zone.codes is not None and zone.first_code is not None:
         raise TestfieldError(
             "both codes and first_code are given", f"boards[{index}].recognition_zone", "give one of them"
@@ -62,6 +62,8 @@ def nominal_board(board: BoardPart, bits: int, index: int) -> NominalBoard:
 
 
 def _grid(zone: ExtensionZone | RecognitionZone) -> np.ndarray:
+    if zone.places_mm is not None:
+        return np.array(zone.places_mm, float) + zone.centre_mm
     x = (np.arange(zone.columns) - (zone.columns - 1) / 2) * zone.pitch_mm + zone.centre_mm[0]
     y = ((zone.rows - 1) / 2 - np.arange(zone.rows)) * zone.pitch_mm + zone.centre_mm[1]
     return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)

@@ -60,8 +60,7 @@ def marks_of(part: BoardPart) -> int:
         return CIRCLES * SECTORS
     if part.pattern is not None:
         return 4 * part.pattern.columns * part.pattern.rows
-    zones = (part.extension_zone, part.recognition_zone)
-    return sum(zone.columns * zone.rows for zone in zones)
+    return part.extension_zone.count + part.recognition_zone.count
 
 
 def _at_most(count: int, most: int, what: str, where: str) -> None:
