@@ -141,6 +141,10 @@ def _grid(
             f"columns and {spread[2]:.2g} mm in height (standard deviations, the same in all images, known to "
             f"{np.linalg.norm(shape.u_mm) / np.sqrt(3):.2g} mm): the twin has each of them"
         )
+        notes.append(
+            f"with that taken out an image coordinate scatters by {shape.scatter_px:.2g} px; what noise does not "
+            "explain of it (JPEG, sharpening, resampling, light that changes across a mark) the twin has not"
+        )
         return calibration, {"boards": [board]}
     board["print_sigma_mm"] = _print_sigma(calibration, points, observations)
     if unflat:

@@ -48,9 +48,11 @@ def _twin(args: argparse.Namespace, out: Path) -> int:
 
     from testfield.author.twin import twin_of
     from testfield.author.twin_compare import Measured, compared, reasons
+    from testfield.camera.photograph import read_photograph
     from testfield.chain.complete import complete
     from testfield.cli.show import jobs_of
     from testfield.measure.job_file import JOB, load_job
+    from testfield.report.twin import write_twin
     from testfield.scene.load import load_scene
     from testfield.store.text import write_text
 
@@ -59,7 +61,9 @@ def _twin(args: argparse.Namespace, out: Path) -> int:
     measured = Measured.load(args.run)
     say = sys.stderr if args.json else sys.stdout
     taken = _photographs(job, field, source, measured)
-    seen = tuple(_seen_by(measured, taken, k) for k in range(len(measured.calibration.interiors)))
+    seen = tuple(
+        _seen_by(measured, taken, k, job.option("--bayer")) for k in range(len(measured.calibration.interiors))
+    )
     name = f"twin-{args.run.resolve().name}"
     hold = tuple(word.strip() for word in (job.option("--hold") or "").split(",") if word.strip())
     twin = twin_of(
@@ -99,6 +103,12 @@ def _twin(args: argparse.Namespace, out: Path) -> int:
     _measure_again(frames, job.options, out / "measured")
     again = Measured.load(out / "measured")
     rows, why = compared(measured, again, scene), reasons(measured, again)
+    images = [
+        (station, read_photograph(file, job.option("--bayer")).pixels, read_photograph(frame).pixels)
+        for station, file, *_ in taken
+        if (frame := run.folder / "frames" / f"{station}.png").is_file()
+    ]
+    drawn = write_twin(out, name, str(path), rows, why, twin.notes, images)
     if args.json:
         print(
             json.dumps(
@@ -108,6 +118,7 @@ def _twin(args: argparse.Namespace, out: Path) -> int:
                     "notes": list(twin.notes),
                     "rows": [asdict(row) for row in rows],
                     "reasons": why,
+                    "page": str(drawn),
                 }
             )
         )
@@ -118,6 +129,7 @@ def _twin(args: argparse.Namespace, out: Path) -> int:
         print(f"{row.title:<46}{row.job:>18}{row.twin:>18}{ratio:>8}".rstrip())
     for reason in why:
         print(f"reason: {reason}")
+    print(f"page: {drawn}")
     return 0
 
 
@@ -159,7 +171,7 @@ def _photographs(job: Any, field: Any, source: str, measured: Any) -> list[tuple
     return taken
 
 
-def _seen_by(measured: Any, taken: list[tuple[str, Path, str, Path]], camera: int) -> Any:
+def _seen_by(measured: Any, taken: list[tuple[str, Path, str, Path]], camera: int, bayer: str | None) -> Any:
     """What the photographs of one of the cameras show of their light."""
     from dataclasses import replace
 
@@ -168,7 +180,7 @@ def _seen_by(measured: Any, taken: list[tuple[str, Path, str, Path]], camera: in
 
     names = measured.calibration.camera_names
     own = [one for one in taken if not names or one[2] == names[camera]]
-    return seen_in([replace(read_photograph(path), name=name) for name, path, *_ in own], measured.observations)
+    return seen_in([replace(read_photograph(path, bayer), name=name) for name, path, *_ in own], measured.observations)
 
 
 def _as_taken(taken: list[tuple[str, Path, str, Path]], frames: Path, out: Path) -> list[Path]:
