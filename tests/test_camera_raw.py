@@ -88,3 +88,19 @@ def test_times_of_a_descriptor_are_nanoseconds_unless_told(
     series = series_of(tmp_path / "data.txt", unit)
     assert series.levels[1].time_ms == pytest.approx(3960 * per_ms)
     assert bool(series.notes) == doubtful
+
+
+def test_the_full_well_of_a_mosaic_is_that_of_pixels_that_were_full(tmp_path: Path) -> None:
+    from testfield.characterise.characterise import characterise
+
+    rng, well, response = np.random.default_rng(1), 3000.0, np.tile([[1.0, 0.4], [0.4, 1.0]], (24, 32))
+    for k in range(14):
+        for name in "ab":
+            light = rng.poisson(300.0 * (k + 1) * response)
+            seen = np.minimum(light, well) + rng.normal(0, 4, light.shape) + 100
+            write_dng(tmp_path / f"flat_{k + 1}ms_{name}.dng", np.rint(seen).astype(np.uint16))
+            write_dng(
+                tmp_path / f"dark_{k + 1}ms_{name}.dng", np.rint(rng.normal(100, 4, light.shape)).astype(np.uint16)
+            )
+    sheet = characterise(series_of(tmp_path))
+    assert sheet.figures["full_well_e"].value == pytest.approx(well, rel=0.05)

@@ -12,6 +12,15 @@ from testfield.characterise.series import Series, Stack, channels_of, stack_of
 from testfield.characterise.sheet import ChannelSheet, sheet_of
 
 BITS = (8, 10, 12, 14, 16)
+OF_CAPACITY = (
+    "saturation_e",
+    "full_well_e",
+    "dynamic_range",
+    "dynamic_range_db",
+    "snr_max",
+    "snr_max_db",
+)
+"""Figures that only pixels tell which were full."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +40,12 @@ class CameraSheet:
         if len(self.channels) == 1:
             return first
         shared = [name for name in first if all(name in one.figures for one in self.channels)]
-        return {name: _mean([one.figures[name] for one in self.channels]) for name in shared}
+        # Where some kinds of pixels were full, the others' capacity is but a bound, and not the sensor's.
+        full = [one for one in self.channels if one.transfer.saturated] or list(self.channels)
+        return {
+            name: _mean([one.figures[name] for one in (full if name in OF_CAPACITY else self.channels)])
+            for name in shared
+        }
 
 
 def characterise(series: Series, seen: Callable[[Path], None] = lambda path: None) -> CameraSheet:

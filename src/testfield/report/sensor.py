@@ -127,15 +127,17 @@ def _toml(sheet: CameraSheet, tables: dict[str, dict[str, Any]]) -> str:
 
 
 def _page(sheet: CameraSheet, tables: dict[str, dict[str, Any]]) -> str:
+    columns = {one.name: one.figures for one in sheet.channels}
+    if len(columns) > 1:  # what a scene takes is the mean over the kinds of pixels
+        columns = {"all": sheet.figures} | columns
     return page(
         "sensor.html",
         sheet=sheet,
-        names=[one.name for one in sheet.channels],
+        names=list(columns),
         rows=[
-            (title, [shown(one.figures[name]) if name in one.figures else ("–", "") for one in sheet.channels], unit)
+            (title, [shown(own[name]) if name in own else ("–", "") for own in columns.values()], unit)
             for name, title in TITLES.items()
-            if (unit := next((one.figures[name].unit for one in sheet.channels if name in one.figures), None))
-            is not None
+            if (unit := next((own[name].unit for own in columns.values() if name in own), None)) is not None
         ],
         channels=[
             {
@@ -159,7 +161,7 @@ def photon_transfer(one: ChannelSheet) -> Markup:
     with figure(6.1, 3.6) as (drawing, axes):
         fitted = t.fitted
         axes.errorbar(t.signal_dn, t.excess_dn2, t.u_excess_dn2, fmt="o", ms=2.8, color=FAINT, lw=0.6)
-        axes.plot(t.signal_dn[fitted], t.excess_dn2[fitted], "o", ms=3.2, color=ACCENT)
+        axes.plot(t.signal_dn[fitted], t.excess_dn2[fitted], "o", ms=3.8, color=ACCENT, zorder=4)
         end = t.signal_dn[t.saturation]
         axes.plot([0, end], [0, t.gain.slope * end], color=WARM, lw=1.2)
         axes.axvline(end, color=FAINT, lw=0.8, ls="--")
