@@ -9,8 +9,8 @@ import pytest
 
 from testfield.camera.photograph import Photograph
 from testfield.detect.observations import MEASURED
-from testfield.detect.opencv_boards import tag_detector
 from testfield.detect.photograph import detect_in_photograph
+from testfield.detect.small_tags import tag_detector
 from testfield.detect.target_spec import parse_target
 from testfield.detect.touching_tags import read_touching_tags
 from testfield.targets.board_pattern import BoardPattern, dictionary

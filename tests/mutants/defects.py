@@ -1222,9 +1222,9 @@ FAMILIES = [
     Defect("words are turned the wrong way", "_words", "np.rot90(one, -k)", "np.rot90(one, k)", APRIL_NAMED),
     Defect(
         "any word is a tag's",
-        "_number",
-        "wrong[turns, number] <= WRONG_BITS",
-        "wrong[turns, number] <= 99",
+        "_by_level",
+        "bits <= allowed",
+        "bits <= 99",
         APRIL_CLUTTER,
     ),
     Defect("what thinning took is not given back", "_quadrangle", "1.4 * thinned", "-3 * thinned", APRIL_NAMED),

@@ -12,8 +12,9 @@ from testfield.detect.decode import decode
 from testfield.detect.eight_bits import pictures
 from testfield.detect.noise import noise_of_pixels
 from testfield.detect.observations import MEASURED, SURROUNDED, Observations
-from testfield.detect.opencv_boards import detect_board, tag_detector
+from testfield.detect.opencv_boards import detect_board
 from testfield.detect.ring_shape import seen_shape
+from testfield.detect.small_tags import tag_detector
 from testfield.detect.target_spec import TargetSpec
 from testfield.targets.board_pattern import dictionaries, dictionary
 from testfield.targets.marks import RADII, RingRadii, shape_name

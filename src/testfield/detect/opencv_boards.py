@@ -14,9 +14,11 @@ import numpy as np
 
 from testfield.camera.plane_image import as_others_say
 from testfield.detect.eight_bits import pictures
+from testfield.detect.small_tags import read_tags, with_small_tags
 from testfield.detect.target_spec import TargetSpec
 from testfield.detect.touching_tags import read_touching_tags
 from testfield.errors import TestfieldError
+from testfield.targets.board_pattern import dictionary
 
 CHECKERBOARD_TRIALS = 4
 """OpenCV's checkerboard finder draws at random, and now and then it returns points that are no grid."""
@@ -24,9 +26,6 @@ OLDER_WITHIN_PX = 4
 """Half-width of the window in which the older finder's corners are refined: it leaves them 3 px off."""
 UNTIL = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 40, 1e-3)
 CORNERS_A_TAG = 4
-REFINED_WITHIN_PX = 2
-"""Half-width of the window in which OpenCV refines a tag's corner: a wider one sees the neighbour's corner where tags
-are near each other, and ends between the two."""
 PUPIL_CORNERS = [1, 0, 3, 2]
 """pupil-apriltags' corners in the order of the print that OpenCV makes: clockwise from its top left."""
 PUPIL_CORNERS_OF_MAKERS = [3, 2, 1, 0]
@@ -104,9 +103,10 @@ def _charuco(image: np.ndarray, spec: TargetSpec) -> Corners:
     """As it was asked for; where that reads less than all, as OpenCV printed boards before 4.6, or columns and rows
     exchanged, whichever reads most."""
     best = _empty()
+    tags = read_tags(image, _name(spec.dictionary))
     for columns, rows in dict.fromkeys([(spec.columns, spec.rows), (spec.rows, spec.columns)]):
         for legacy in (False, True) if rows % 2 == 0 else (False,):
-            found = _charuco_of((columns, rows), legacy, image, spec)
+            found = _charuco_of((columns, rows), legacy, image, spec, tags)
             if len(found.code) > len(best.code):
                 best = found
             if 0 < len(best.code) == _all_points(spec):
@@ -114,10 +114,12 @@ def _charuco(image: np.ndarray, spec: TargetSpec) -> Corners:
     return best
 
 
-def _charuco_of(size: tuple[int, int], legacy: bool, image: np.ndarray, spec: TargetSpec) -> Corners:
-    board = cv2.aruco.CharucoBoard(size, spec.square_mm, spec.marker_mm, _dictionary(spec.dictionary))
+def _charuco_of(
+    size: tuple[int, int], legacy: bool, image: np.ndarray, spec: TargetSpec, tags: tuple[np.ndarray, np.ndarray]
+) -> Corners:
+    board = cv2.aruco.CharucoBoard(size, spec.square_mm, spec.marker_mm, dictionary(_name(spec.dictionary)))
     board.setLegacyPattern(legacy)
-    corners, numbers, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(image)
+    corners, numbers = _interpolated(image, board, *tags)
     if numbers is None or len(numbers) == 0:
         return _empty()
     notes = ["as OpenCV printed such boards before 4.6"] if legacy else []
@@ -129,19 +131,32 @@ def _charuco_of(size: tuple[int, int], legacy: bool, image: np.ndarray, spec: Ta
     return Corners(_points(corners), none, point, place, legacy=legacy, size=size, notes=tuple(notes))
 
 
-def tag_detector(dictionary: cv2.aruco.Dictionary) -> cv2.aruco.ArucoDetector:
-    """OpenCV's detector of a dictionary's tags."""
-    settings = cv2.aruco.DetectorParameters()
-    settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
-    settings.cornerRefinementWinSize = REFINED_WITHIN_PX
-    return cv2.aruco.ArucoDetector(dictionary, settings)
+def _interpolated(
+    image: np.ndarray, board: cv2.aruco.CharucoBoard, numbers: np.ndarray, quads: np.ndarray
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """What OpenCV makes of tags that were read: corners between them and their numbers. Those are left out that it
+    refined to where neither the tags nor the other corners have them."""
+    mine = np.isin(numbers, np.asarray(board.getIds()).ravel())
+    if not mine.any():
+        return np.zeros((0, 2)), None
+    given = [quad[None].astype(np.float32) for quad in quads[mine]], numbers[mine].astype(np.int32)[:, None]
+    corners, found, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(
+        image, markerCorners=given[0], markerIds=given[1]
+    )
+    if found is None or not len(found):
+        return np.zeros((0, 2)), None
+    corners, found = _points(corners), np.asarray(found).ravel()
+    printed = dict(zip(np.asarray(board.getIds()).ravel().tolist(), board.getObjPoints(), strict=True))
+    of_tags = np.concatenate([np.asarray(printed[number]) for number in numbers[mine].tolist()])[:, :2]
+    of_corners = np.asarray(board.getChessboardCorners())[found, :2]
+    both = np.concatenate([of_corners, of_tags]).astype(float), np.concatenate([corners, quads[mine].reshape(-1, 2)])
+    there = as_others_say(both, (image.shape[1], image.shape[0]))[: len(found)]
+    return corners[there], found[there]
 
 
 def _aruco(image: np.ndarray, spec: TargetSpec) -> Corners:
-    corners, numbers, _ = tag_detector(_dictionary(spec.dictionary)).detectMarkers(image)
-    if numbers is None or len(numbers) == 0:
-        return _empty()
-    return _tags(np.asarray(corners).reshape(-1, CORNERS_A_TAG, 2), np.asarray(numbers).ravel())
+    numbers, corners = read_tags(image, _name(spec.dictionary))
+    return _tags(corners, numbers) if len(numbers) else _empty()
 
 
 def _tag_board(image: np.ndarray, spec: TargetSpec) -> Corners:
@@ -170,13 +185,15 @@ def _apriltag(image: np.ndarray, spec: TargetSpec) -> Corners:
     if detector is None:
         raise TestfieldError(f"no AprilTag family is called '{family}'", "--target", "try apriltag:36h11")
     tags = detector.detect(image)
-    if not tags:
-        return _empty()
     # The library counts pixels from the corner of the first one, and a tag's corners anticlockwise from the bottom left
     # of the makers' print; OpenCV prints its tags turned by half against theirs.
     order = PUPIL_CORNERS if known else PUPIL_CORNERS_OF_MAKERS
-    corners = np.array([tag.corners for tag in tags])[:, order] - 0.5
-    return _tags(corners, np.array([tag.tag_id for tag in tags]), ("by pupil-apriltags",))
+    corners = np.array([tag.corners for tag in tags]).reshape(-1, CORNERS_A_TAG, 2)[:, order] - 0.5
+    numbers, read = np.array([tag.tag_id for tag in tags], int), len(tags)
+    if known:
+        numbers, corners = with_small_tags(image, _name(ours.dictionary), numbers, corners)
+    notes = ("by pupil-apriltags",) if read else ()
+    return _tags(corners, numbers, notes) if len(numbers) else _empty()
 
 
 def _april_grid(image: np.ndarray, spec: TargetSpec) -> Corners:
@@ -187,6 +204,8 @@ def _april_grid(image: np.ndarray, spec: TargetSpec) -> Corners:
         found = _april_grid_of(border, image, spec)
         if len(found.code) > len(best.code):
             best = found
+        if len(best.code) == _all_points(spec):
+            break
     return best
 
 
@@ -293,9 +312,10 @@ def _empty(notes: tuple[str, ...] = ()) -> Corners:
     return Corners(np.zeros((0, 2)), none, none, np.zeros((0, 2), int), notes=notes)
 
 
-def _dictionary(name: str) -> cv2.aruco.Dictionary:
+def _name(name: str) -> str:
+    """A dictionary's name as OpenCV writes it."""
     known = [word for word in dir(cv2.aruco) if word.startswith("DICT_")]
     match = {word.upper(): word for word in known}.get(name.upper())
     if match is None:
         raise TestfieldError(f"no dictionary is called '{name}'", "--target", f"choose one of {', '.join(known)}")
-    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, match))
+    return match

@@ -18,10 +18,11 @@ from testfield.detect.corner_model import FittedCorners, fit_corners
 from testfield.detect.crown_boards import CrownReader
 from testfield.detect.eight_bits import pictures
 from testfield.detect.observations import MEASURED, Observations
-from testfield.detect.opencv_boards import checkerboards, tag_detector
+from testfield.detect.opencv_boards import checkerboards
+from testfield.detect.small_tags import read_tags
 from testfield.detect.touching_tags import read_touching_tags
 from testfield.registry import known_of
-from testfield.targets.board_pattern import CORNERS_A_TAG, SIDES, BoardPattern, dictionary
+from testfield.targets.board_pattern import CORNERS_A_TAG, SIDES, BoardPattern
 from testfield.targets.field import Field, NominalBoard
 
 READ_WITHIN_PX = 0.8
@@ -90,7 +91,9 @@ class _Reader:
         if printed not in self.tags:
             numbers, corners = np.zeros(0, int), np.zeros((0, CORNERS_A_TAG, 2))
             for picture in self.pictures:
-                found, quads = read_touching_tags(picture, *printed[:2]) if printed[2] else _read_tags(picture, pattern)
+                found, quads = (
+                    read_touching_tags(picture, *printed[:2]) if printed[2] else read_tags(picture, printed[0])
+                )
                 new = ~np.isin(found, numbers)
                 numbers = np.concatenate([numbers, found[new]])
                 corners = np.concatenate([corners, quads[new]])
@@ -145,13 +148,6 @@ class _Reader:
         at = np.rint(maps[0]).astype(int).clip(0, np.array(self.image.shape[::-1]) - 1)
         level, black = self.image[at[:, 1], at[:, 0]].astype(float), pattern.cells.at(middle)
         return bool(level[black].mean() < level[~black].mean())
-
-
-def _read_tags(picture: np.ndarray, pattern: BoardPattern) -> tuple[np.ndarray, np.ndarray]:
-    """Numbers (n,) and corners (n, 4, 2) of the tags that OpenCV reads."""
-    quads, read, _ = tag_detector(dictionary(pattern.names)).detectMarkers(picture)
-    found = np.zeros(0, int) if read is None else np.asarray(read).ravel().astype(int)
-    return found, np.asarray(quads, float).reshape(-1, CORNERS_A_TAG, 2)
 
 
 def measure_corners(

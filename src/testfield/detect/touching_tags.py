@@ -2,16 +2,19 @@
 
 OpenCV's finder follows the outline of what is black, and such a board is one outline; which tags it still finds is
 chance, and their corners are some pixels off. Here what is black is thinned by a pixel first, which parts squares that
-touch at a point, and a tag is the convex hull of what then hangs together by sides. Corners are refined where edges
-cross in the image itself.
-"""
+touch at a point, and a tag is the convex hull of what then hangs together by sides. Its corners are where straight
+lines along its sides meet (`tag_sides.py`), and of cells that are large enough where edges cross in the image itself.
 
-from functools import cache
+Cells of few pixels, on small tags or steep ones, are thinned away in whole pixels. So small tags are looked for once
+more in the image doubled, between whose pixels a level still has a course.
+"""
 
 import cv2
 import numpy as np
 
-from testfield.targets.board_pattern import CORNERS_A_TAG, dictionary
+from testfield.detect.tag_bits import read_bits, words_of
+from testfield.detect.tag_sides import straightened
+from testfield.targets.board_pattern import CORNERS_A_TAG
 
 WINDOWS_PX = (7, 15, 31, 61)
 """Widths of the neighbourhoods with whose mean a pixel is compared: a small one parts small tags, and of a large tag
@@ -24,16 +27,15 @@ LEAST_CELL_PX = 1.5
 STRAIGHT = 0.04
 """How far the outline of a tag may be from a quadrangle, in parts of its length."""
 CELL_SAMPLES = 4
-WRONG_BORDER, WRONG_BITS = 0.03, 2
-"""What may be read wrongly of a tag: a part of its border's cells, and some of its bits. A random 6 x 6 word is within
-two bits of one of 36h11 with a probability of 2e-5."""
-ROUNDS = 4
-LEAST_RANGE = 12.0
-"""Difference of black and white within a tag below which nothing is read, of 255."""
-REFINED_CELLS, REFINED_PX = 0.8, (2, 6)
-"""Half-width of the window in which a corner is refined, in cells, and its limits."""
+DOUBLED_CELL_PX = 4.0
+"""Up to this size of cells tags are looked for in the image doubled."""
+DOUBLED_WINDOWS_PX, DOUBLED_THINNED_PX = (15, 31), (1,)
+"""Neighbourhoods and thinnings there: four times the pixels cost as much, and others find next to nothing more."""
+REFINED_CELLS, REFINED_PX, REFINED_CELL_PX = 0.8, (2, 6), 3.0
+"""Half-width of the window in which a corner is refined, in cells, and its limits; and from which size of cells: the
+window sees the edges of a smaller one's neighbours."""
 SAME = 0.3
-"""Two quadrangles are one where their corners are nearer than this part of a side."""
+"""Two quadrangles are one where their middles are nearer than this part of a side."""
 
 
 def read_touching_tags(image: np.ndarray, names: str, border_cells: int) -> tuple[np.ndarray, np.ndarray]:
@@ -41,57 +43,62 @@ def read_touching_tags(image: np.ndarray, names: str, border_cells: int) -> tupl
 
     Raises `ValueError` where there is no such dictionary.
     """
-    words = _words(names)
-    side = int(np.sqrt(words.shape[2])) + 2 * border_cells
-    quads = _quadrangles(image, side)
-    numbers, corners = [], []
-    for quad in quads:
-        read = _number(_cells(image, quad, side), words, border_cells)
-        if read is not None:
-            number, turns = read
-            numbers.append(number)
-            corners.append(np.roll(quad, turns, axis=0))
-    if not numbers:
-        return np.zeros(0, int), np.zeros((0, CORNERS_A_TAG, 2))
-    found, where = np.array(numbers), np.array(corners)
-    kept = _once(found, where)
-    return found[kept], _refined(image, where[kept], side)
+    side = int(np.sqrt(words_of(names).shape[2])) + 2 * border_cells
+    numbers, corners, wrong = _read(image, names, border_cells, np.inf)
+    if min(image.shape) >= side:
+        doubled = cv2.resize(image, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC)
+        fine = _read(doubled, names, border_cells, 2 * DOUBLED_CELL_PX * side)
+        numbers, wrong = np.concatenate([numbers, fine[0]]), np.concatenate([wrong, fine[2]])
+        corners = np.concatenate([corners, (fine[1] + 0.5) / 2 - 0.5])
+    kept = _once(corners, wrong)
+    return numbers[kept], _refined(image, corners[kept], side)
 
 
-@cache
-def _words(names: str) -> np.ndarray:
-    """(4, n, bits) what all tags of a dictionary show row by row, white 1, turned k times by a quarter clockwise."""
-    tags = dictionary(names)
-    side = int(tags.markerSize)
-    shown = [tags.generateImageMarker(k, side + 2)[1:-1, 1:-1] > 0 for k in range(len(tags.bytesList))]
-    return np.array([[np.rot90(one, -k).ravel() for one in shown] for k in range(4)])
+def _read(image: np.ndarray, names: str, border: int, most_px: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Numbers (n,), corners (n, 4, 2) and wrong bits (n,) of tags of up to `most_px` a side, some of them twice."""
+    side = int(np.sqrt(words_of(names).shape[2])) + 2 * border
+    ways = (WINDOWS_PX, THINNED_PX) if np.isinf(most_px) else (DOUBLED_WINDOWS_PX, DOUBLED_THINNED_PX)
+    quads = straightened(image, _quadrangles(image, side, most_px, *ways), side)
+    height, width = image.shape
+    quads = quads[((quads >= 1) & (quads <= [width - 2, height - 2])).all(axis=(1, 2))]
+    cells = np.array([_cells(image, quad, side) for quad in quads]).reshape(-1, side, side)
+    rim = np.ones((side, side), bool)
+    rim[border:-border, border:-border] = False
+    mixed = cells[:, ~rim].max(axis=1, initial=0) > cells[:, rim].mean(axis=1)
+    quads, cells = quads[mixed], cells[mixed]
+    number, turns, wrong = read_bits(cells, names, border)
+    good = np.flatnonzero(number >= 0)
+    turned = [np.roll(quads[k], turns[k], axis=0) for k in good]
+    return number[good], np.array(turned).reshape(-1, CORNERS_A_TAG, 2), wrong[good]
 
 
-def _quadrangles(image: np.ndarray, cells: int) -> np.ndarray:
-    """(n, 4, 2) corners of all dark quadrangles, clockwise in the image."""
+def _quadrangles(
+    image: np.ndarray, cells: int, most_px: float, windows_px: tuple[int, ...], thinned_px: tuple[int, ...]
+) -> np.ndarray:
+    """(n, 4, 2) corners of all dark quadrangles of up to `most_px` a side, clockwise in the image."""
     found: list[np.ndarray] = []
     least = LEAST_CELL_PX * cells
     cross = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
-    for window in WINDOWS_PX:
+    for window in windows_px:
         if window >= min(image.shape):
             break
         dark = cv2.adaptiveThreshold(
             image, 1, cv2.ADAPTIVE_THRESH_MEAN_C, cv2.THRESH_BINARY_INV, window | 1, float(DARKER)
         )
-        for thinned in THINNED_PX:
+        for thinned in thinned_px:
             thin = cv2.erode(dark, cross, iterations=thinned)
-            found += _parts(thin, thinned, least)
+            found += _parts(thin, thinned, least, most_px)
     return np.array(found).reshape(-1, CORNERS_A_TAG, 2)
 
 
-def _parts(dark: np.ndarray, thinned: int, least_px: float) -> list[np.ndarray]:
+def _parts(dark: np.ndarray, thinned: int, least_px: float, most_px: float) -> list[np.ndarray]:
     """Quadrangles of what hangs together by sides."""
     found = []
-    count, labels, boxes, _ = cv2.connectedComponentsWithStats(dark, connectivity=4)
-    for k in range(1, count):
-        left, top, width, height, area = boxes[k]
-        if min(width, height) < least_px or area < 2 * least_px:
-            continue
+    _, labels, boxes, _ = cv2.connectedComponentsWithStats(dark, connectivity=4)
+    short, long = boxes[:, 2:4].min(axis=1), boxes[:, 2:4].max(axis=1)
+    of_size = (short >= least_px) & (boxes[:, 4] >= 2 * least_px) & (long <= np.sqrt(2) * most_px)
+    for k in 1 + np.flatnonzero(of_size[1:]):
+        left, top, width, height, _ = boxes[k]
         part = (labels[top : top + height, left : left + width] == k).astype(np.uint8)
         outlines, _ = cv2.findContours(part, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE, offset=(left, top))
         quad = _quadrangle(max(outlines, key=len), thinned)
@@ -123,45 +130,25 @@ def _cells(image: np.ndarray, quad: np.ndarray, cells: int) -> np.ndarray:
     return np.asarray(seen[:, 1:-1, :, 1:-1].mean(axis=(1, 3)))
 
 
-def _number(cells: np.ndarray, words: np.ndarray, border: int) -> tuple[int, int] | None:
-    """Which tag the cells show, and how many corners it is turned by; None where they show none."""
-    low, high = cells.min(), cells.max()
-    if high - low < LEAST_RANGE:
-        return None
-    level = (low + high) / 2
-    for _ in range(ROUNDS):  # halfway between the means of the dark and of the bright (Ridler and Calvard 1978)
-        level = (cells[cells <= level].mean() + cells[cells > level].mean()) / 2
-    white = cells > level
-    inner = white[border:-border, border:-border]
-    around = white.size - inner.size
-    if white.sum() - inner.sum() > WRONG_BORDER * around:
-        return None
-    wrong = (words != inner.ravel()).sum(axis=2)
-    turns, number = np.unravel_index(wrong.argmin(), wrong.shape)
-    return (int(number), -int(turns)) if wrong[turns, number] <= WRONG_BITS else None
-
-
-def _once(numbers: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Rows without those that another window found too: the same number at the same place."""
+def _once(corners: np.ndarray, wrong: np.ndarray) -> np.ndarray:
+    """Rows without those that another window found too, of which the one with fewer `wrong` bits stays."""
+    middle = corners.mean(axis=1)
     kept: list[int] = []
-    for k in range(len(numbers)):
+    for k in np.argsort(wrong, kind="stable"):
         side = np.linalg.norm(corners[k] - np.roll(corners[k], 1, axis=0), axis=1).min()
-        same = [
-            j
-            for j in kept
-            if numbers[j] == numbers[k] and np.abs(corners[j] - corners[k]).max() < max(SAME * side, 3.0)
-        ]
-        if not same:
-            kept.append(k)
-    return np.array(kept)
+        if not any(np.linalg.norm(middle[j] - middle[k]) < max(SAME * side, 3.0) for j in kept):
+            kept.append(int(k))
+    return np.array(sorted(kept), int)
 
 
 def _refined(image: np.ndarray, corners: np.ndarray, cells: int) -> np.ndarray:
-    """(n, 4, 2) the corners where edges cross."""
+    """(n, 4, 2) the corners where edges cross, of large enough cells."""
     refined = corners.copy()
     until = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 40, 1e-3)
     for k, quad in enumerate(corners):
         cell = np.linalg.norm(quad - np.roll(quad, 1, axis=0), axis=1).min() / cells
+        if cell < REFINED_CELL_PX:
+            continue
         half = int(np.clip(round(REFINED_CELLS * cell), *REFINED_PX))
         better = cv2.cornerSubPix(
             image, np.ascontiguousarray(quad, np.float32)[:, None].copy(), (half, half), (-1, -1), until
