@@ -8,6 +8,7 @@ import pytest
 
 from testfield.author.prints import Print, print_of
 from testfield.camera.photograph import Photograph
+from testfield.detect.crown_model import matrix, shape_of
 from testfield.detect.crowns import read_crowns
 from testfield.detect.noise import estimate_sheet
 from testfield.detect.photograph import Found, detect_in_photograph
@@ -88,6 +89,22 @@ def test_tags_on_bent_paper_have_their_numbers_and_their_centres() -> None:
     found = seen(bent, 3).observations
     assert sorted(found.code) == pattern.tags.tolist()
     assert np.abs(found.xy_px - true[found.code - 15]).max() < 1.0
+
+
+def test_a_slanted_tag_is_read_wherever_in_the_image_it_lies() -> None:
+    pattern, H = BoardPattern("cctag", 1, 1, 90.0, 66.0, first_tag=16, crowns=3), homography(50, 1.6)
+    image = drawn(pattern, H, 1.0)
+    far = np.full((700, 2400), image[0, 0], np.float32)
+    far[-HEIGHT:, -WIDTH:] = image
+    here, there = seen(image, 3).observations, seen(far, 3).observations
+    assert here.code.tolist() == there.code.tolist() == [16]
+    shift = [2400 - WIDTH, 700 - HEIGHT]
+    assert np.allclose(there.xy_px, here.xy_px + shift, atol=0.005)
+    assert np.allclose(there.moments_px2, here.moments_px2, rtol=1e-3)
+    moved = np.array([[1, 0, shift[0]], [0, 1, shift[1]], [0, 0, 1]]) @ H
+    moved = moved / moved[2, 2]
+    same = np.linalg.inv(moved) @ matrix(shape_of(moved))  # a turn about the tag's centre
+    assert np.allclose(same @ same.T, np.eye(3), atol=1e-9)
 
 
 def test_a_camera_that_moves_during_the_exposure_hides_neither_numbers_nor_centres() -> None:

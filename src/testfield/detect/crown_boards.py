@@ -46,14 +46,14 @@ def observed(
     """Tags as observations of their centres; `codes` whether the rows tell their numbers."""
     n = len(tags)
     shape = np.array([one.fitted.theta[:SHAPE] for one in tags]).reshape(n, SHAPE)
-    A = np.zeros((n, 2, 2))
-    A[:, 0, 0], A[:, 1, 0], A[:, 1, 1] = shape[:, 0], shape[:, 1], shape[:, 2]
+    B = np.zeros((n, 2, 2))
+    B[:, 0, 0], B[:, 1, 0], B[:, 1, 1] = shape[:, 0], shape[:, 1], shape[:, 2]
     return Observations(
         stations=(station,),
         station=np.zeros(n, int),
         xy_px=np.array([one.fitted.xy_px for one in tags]).reshape(n, 2),
         cov_px2=np.array([one.fitted.cov_px2 for one in tags]).reshape(n, 2, 2),
-        moments_px2=A @ np.swapaxes(A, 1, 2) / 4,
+        moments_px2=B @ np.swapaxes(B, 1, 2) / 4,
         code=np.array([one.number if codes else 0 for one in tags], int),
         board=board,
         point=point,

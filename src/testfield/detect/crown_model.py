@@ -1,7 +1,7 @@
 """The forward model of concentric crowns in perspective: what a pixel sees of them, and its fit to pixels.
 
-A tag's plane is seen by x = (A u + t) / (1 + v u), A lower triangular, u in radii of the outer circle: t is where its
-centre is seen, which is not the centre of any of its ellipses. Edges are blurred by a Gaussian that stands for optics,
+A tag's plane is seen by x = t + B u / (1 + v u), B lower triangular, u in radii of the outer circle: t is where its
+centre is seen, which is not the centre of any of its ellipses, and B how the plane is seen there, wherever in the image. Edges are blurred by a Gaussian that stands for optics,
 pixel and what the camera moved during the exposure, and are straight within it except for their mean bend. Its variance
 along an edge's normal at an angle f is blur^2 + E cos(2 f) + D sin(2 f), for a camera that moves blurs one way.
 """
@@ -14,7 +14,7 @@ from scipy.special import ndtr
 from testfield.camera.images import SensorSheet
 
 SHAPE = 7
-"""The first parameters: a11, a21, a22, t (2) in px, v (2)."""
+"""The first parameters: b11, b21, b22, t (2) in px, v (2)."""
 BLUR, BLACK, CONTRAST, LIGHT_X, LIGHT_Y, ALONG_ROWS, DIAGONALLY = range(SHAPE, SHAPE + 7)
 UNEVEN = slice(ALONG_ROWS, DIAGONALLY + 1)
 """What blurs along the rows more than down the columns, and along one diagonal more than the other, in px^2."""
@@ -44,17 +44,18 @@ class FittedCrowns:
 
 def matrix(theta: np.ndarray) -> np.ndarray:
     """(3, 3) homography from the tag's plane to px."""
-    a11, a21, a22, x, y, p, q = theta[:SHAPE]
-    return np.array([[a11, 0, x], [a21, a22, y], [p, q, 1.0]])
+    b11, b21, b22, x, y, p, q = theta[:SHAPE]
+    return np.array([[b11 + x * p, x * q, x], [b21 + y * p, b22 + y * q, y], [p, q, 1.0]])
 
 
 def shape_of(H: np.ndarray) -> np.ndarray:
-    """(7,) parameters of a homography (3, 3), turned about the tag's centre so that A is lower triangular."""
+    """(7,) parameters of a homography (3, 3), turned about the tag's centre so that B is lower triangular."""
     H = H / H[2, 2]
-    angle = np.arctan2(H[0, 1], H[0, 0])
-    turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
-    H = H @ turn
-    return np.array([H[0, 0], H[1, 0], H[1, 1], H[0, 2], H[1, 2], H[2, 0], H[2, 1]])
+    B, v = H[:2, :2] - np.outer(H[:2, 2], H[2, :2]), H[2, :2]
+    angle = np.arctan2(B[0, 1], B[0, 0])
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    B, v = B @ turn, v @ turn
+    return np.array([B[0, 0], B[1, 0], B[1, 1], H[0, 2], H[1, 2], v[0], v[1]])
 
 
 @dataclass(frozen=True)
@@ -69,19 +70,19 @@ class _Places:
 
 
 def _places(theta: np.ndarray, xy_px: np.ndarray) -> _Places:
-    a11, a21, a22, x0, y0, p, q = theta[:SHAPE]
-    x, y = xy_px[:, 0], xy_px[:, 1]
-    # (A - x v) u = x - t, solved for u; its change is (A - x v)^-1 (-dA u - dt + x dv u).
-    m11, m12, m21, m22 = a11 - x * p, -x * q, a21 - y * p, a22 - y * q
+    b11, b21, b22, x0, y0, p, q = theta[:SHAPE]
+    x, y = xy_px[:, 0] - x0, xy_px[:, 1] - y0
+    # (B - (x - t) v) u = x - t, solved for u; its change is its inverse times (-dB u - dt (1 + v u) + (x - t) dv u).
+    m11, m12, m21, m22 = b11 - x * p, -x * q, b21 - y * p, b22 - y * q
     determinant = m11 * m22 - m12 * m21
-    u = (m22 * (x - x0) - m12 * (y - y0)) / determinant
-    v = (m11 * (y - y0) - m21 * (x - x0)) / determinant
+    u, v = (m22 * x - m12 * y) / determinant, (m11 * y - m21 * x) / determinant
     rho = np.sqrt(u * u + v * v + 1e-12)
     hx, hy = (u * m22 - v * m21) / (determinant * rho), (v * m11 - u * m12) / (determinant * rho)
     along, square = hx * x + hy * y, np.maximum(hx * hx + hy * hy, 1e-30)
     twice = np.column_stack([(hx * hx - hy * hy) / square, 2 * hx * hy / square])
-    by_shape = np.column_stack([-hx * u, -hy * u, -hy * v, -hx, -hy, along * u, along * v])
-    return _Places(rho, np.maximum(np.abs(1 + p * u + q * v) * np.sqrt(square), 1e-9), by_shape, twice)
+    w = 1 + p * u + q * v
+    by_shape = np.column_stack([-hx * u, -hy * u, -hy * v, -hx * w, -hy * w, along * u, along * v])
+    return _Places(rho, np.maximum(np.abs(w) * np.sqrt(square), 1e-9), by_shape, twice)
 
 
 def _modelled(theta: np.ndarray, radii: np.ndarray, xy_px: np.ndarray, middle: np.ndarray) -> tuple:

@@ -118,10 +118,10 @@ def _read(image_dn: np.ndarray, sheet: SensorSheet, ellipse: tuple, crowns: int)
         profile = _profile(image_dn, H)
         if profile is None:
             return None
-        size = float(np.sqrt(abs(np.linalg.det(H[:2, :2]))))
+        start = shape_of(H)
+        size = float(np.sqrt(abs(start[0] * start[2])))
         numbers = _alike(np.median(profile, axis=1), table, size)
     fits = []
-    start = shape_of(H)
     for number, larger in numbers:
         sized = start * np.array([larger, larger, larger, 1, 1, larger, larger])
         one = fit_crowns(image_dn, sheet, sized, table[number], FEW_ROUNDS)
