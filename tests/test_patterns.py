@@ -1,6 +1,7 @@
 """Boards that calibrate a camera by their print: drawn by the camera's model, measured by the command."""
 
 import json
+import sys
 from functools import cache
 from pathlib import Path
 
@@ -21,6 +22,7 @@ from testfield.detect.target_spec import parse_target
 from testfield.measure.patterns import board_pattern
 from testfield.reconstruct.points import Points
 from testfield.targets.board_pattern import BoardPattern
+from testfield.targets.ring_code import word_of_number
 
 WIDTH, HEIGHT = 400, 320
 TRUE = Interior(WIDTH, HEIGHT, np.array([420.0, 418.0, 203.1, 155.4, -0.12, 0.0, 0.0, 0.0, 0.0]))
@@ -210,3 +212,49 @@ def test_single_tags_of_a_told_size_are_measured_corner_by_corner(tmp_path: Path
     # Noise of 4 DN in 170 leaves about 0.04 px, that is 0.02 mm, of each coordinate in each of seven images.
     assert np.sqrt(((scale * points.xyz_mm @ R.T + t - true) ** 2).mean()) < 0.03
     assert abs(scale - 1) < 3e-4
+
+
+CODES = {k + 11: np.array([x, y]) for k, (x, y) in enumerate((x, y) for y in (98.0, -98.0) for x in (-80.0, 0.0, 80.0))}
+"""Places in mm of ring codes of 9 mm beside a checkerboard."""
+
+
+def codes_at(xy_mm: np.ndarray) -> np.ndarray:
+    """(...) whether places (..., 2) are ink of one of `CODES`."""
+    ink = np.zeros(xy_mm.shape[:-1], bool)
+    for code, middle in CODES.items():
+        x, y = np.moveaxis(xy_mm - middle, -1, 0)
+        radius, turn = np.hypot(x, y) / 4.5, np.arctan2(y, x) % (2 * np.pi)
+        bit = (int(word_of_number(np.array([code]), 14)[0]) >> (turn * 14 / (2 * np.pi)).astype(int)) & 1
+        ink |= (radius < 1) | ((radius > 2) & (radius < 3) & (bit == 1))
+    return ink
+
+
+@pytest.mark.slow
+def test_ring_codes_beside_a_checkerboard_are_points_in_its_frame(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    kind, board_alone = "checkerboard:8x5:25", black_at
+    monkeypatch.setattr(
+        sys.modules[__name__], "black_at", lambda pattern, xy: board_alone(pattern, xy) | codes_at(np.asarray(xy))
+    )
+    drawn.cache_clear()
+    images, field, out = photographed(kind, tmp_path / "images"), tmp_path / "field.toml", tmp_path / "out"
+    drawn.cache_clear()
+    told = f'[target]\nkind = "ring14"\n[[patterns]]\nkind = "{kind}"\nu_mm = 0.001\nu_flat_mm = 0.001\n'
+    across = float(np.linalg.norm(CODES[11] - CODES[16]))
+    bar = f'[[distances]]\nname = "diagonal"\ncodes = [11, 16]\nlength_mm = {across}\nu_mm = 0.001\nrole = "check"\n'
+    field.write_text(told + bar)
+    words = ["measure", str(images), "--hold", "k2,k3,p1,p2", "--out", str(out), "--jobs", "1", "--field", str(field)]
+    assert main(words) == 0
+    assert off(out)[0] < 18.5  # one in a thousand
+    points = Points.load(out / "points.parquet")
+    assert points.code.tolist() == sorted(CODES)
+    error = (points.xyz_mm - [[*CODES[int(code)], 0] for code in points.code]).ravel()
+    chi2 = float(error @ np.linalg.solve(points.cov_xyz_mm2, error))
+    assert chi2 < 42.3 and np.sqrt(np.diag(points.cov_xyz_mm2)).max() < 0.1  # one in a thousand, of 18
+    (length,) = json.loads((out / "measurement.json").read_text())["lengths"]
+    assert abs(length["en"]) < 1
+    field.write_text(told + bar.replace("check", "control"))
+    capsys.readouterr()
+    assert main(words) == 2
+    assert "role" in capsys.readouterr().err

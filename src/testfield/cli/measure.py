@@ -88,6 +88,7 @@ def _measure(args: argparse.Namespace) -> int:
     from testfield.cli.show import status_of
     from testfield.detect.photograph import AUTO, ON_BLACK, ON_WHITE, detect_in_photograph
     from testfield.errors import TestfieldError
+    from testfield.measure.beside_boards import KINDS as BESIDE
     from testfield.measure.kept_detections import Look
     from testfield.measure.observed import parse_size, read_observed
     from testfield.measure.one_camera import check_one_camera, focal_of, unlike_exif
@@ -125,7 +126,8 @@ def _measure(args: argparse.Namespace) -> int:
     )
     if patterns:
         boards = tuple((one.name, one.target) for one in patterns)
-        look = Look(look_for, (boards, polarity, args.smallest_px, knobs), args.bayer)
+        coded = (target, field.target.radii, codes) if field.patterns and target.kind in BESIDE else None
+        look = Look(look_for, (boards, polarity, args.smallest_px, knobs, coded), args.bayer)
     if places:
         seen = look_at(places, look, out, args.jobs, say, owners.name_of if owners else lambda stem, _: stem)
     trouble = [f"'{path.name}' cannot be read and is left out" for path in seen.unreadable]
@@ -166,7 +168,7 @@ def idle_of(args: argparse.Namespace, target: Any, patterns: tuple) -> tuple[str
     dots = OF_DOTS | {"smallest_px": 5.0}
     if args.observations is not None:
         return "observations that are there", dots | {"bayer": None}
-    kinds = {one.target.kind for one in patterns} or {target.kind}
+    kinds = {one.target.kind for one in patterns} | {target.kind}
     idle: dict[str, Any] = {"size_px": None}
     if not kinds & {"ring", "circles", "hexcircles"}:
         idle |= OF_DOTS if "acircles" in kinds else dots
@@ -182,6 +184,7 @@ def targets_of(args: argparse.Namespace) -> tuple[Any, str, Path, Any, tuple]:
     """
     from testfield.detect.target_spec import parse_target
     from testfield.errors import TestfieldError
+    from testfield.measure.beside_boards import KINDS as BESIDE
     from testfield.measure.patterns import patterns_of
     from testfield.scene.shipped import find_field
     from testfield.targets.field_file import field_of_target, load_field_file
@@ -196,10 +199,17 @@ def targets_of(args: argparse.Namespace) -> tuple[Any, str, Path, Any, tuple]:
         source, kind_of, beside = str(args.field), f"{args.field}, target.kind", args.field.parent
         field = load_field_file(args.field)
     target, patterns = parse_target(field.target.kind, kind_of), patterns_of(field, source)
-    if patterns and field.patterns and target.kind in ("ring", "cctag", "aruco", "apriltag"):
-        raise TestfieldError(
-            f"'{field.target.kind}' is not measured beside boards that calibrate",
-            f"{source}, target",
-            "measure one, then the other",
-        )
+    if field.patterns and target.kind in BESIDE:
+        if args.observations is not None:
+            raise TestfieldError(
+                "observations do not say which are of boards and which beside them",
+                "--observations",
+                "give the images",
+            )
+        if field.boards or any(one.role == "control" for one in field.distances):
+            raise TestfieldError(
+                "beside boards that calibrate, places and distances make no datum",
+                source,
+                'certify the boards ([[patterns]], u_mm), and give distances role = "check"',
+            )
     return field, source, beside, target, patterns

@@ -1,7 +1,7 @@
 """The forward model of concentric crowns in perspective: what a pixel sees of them, and its fit to pixels.
 
 A tag's plane is seen by x = t + B u / (1 + v u), B lower triangular, u in radii of the outer circle: t is where its
-centre is seen, which is not the centre of any of its ellipses, and B how the plane is seen there, wherever in the image.
+centre is seen, which is not the centre of any of its ellipses, and B how the plane is seen there, wherever it is.
 Edges are blurred by a Gaussian that stands for optics, pixel and what the camera moved during the exposure, and are
 straight within it except for their mean bend. Its variance along an edge's normal at an angle f is blur^2 +
 E cos(2 f) + D sin(2 f), for a camera that moves blurs one way.

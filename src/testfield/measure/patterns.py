@@ -9,10 +9,12 @@ import numpy as np
 from testfield.camera.photograph import Photograph
 from testfield.detect.knobs import DEFAULT, Knobs
 from testfield.detect.observations import MEASURED, READ, Observations
-from testfield.detect.photograph import SMALLEST_PX, Found, detect_in_photograph
+from testfield.detect.photograph import AUTO, SMALLEST_PX, Found, detect_in_photograph
 from testfield.detect.target_spec import TargetSpec, parse_target
 from testfield.errors import TestfieldError
+from testfield.measure.beside_boards import numbered
 from testfield.targets.board_pattern import BoardPattern, dictionaries
+from testfield.targets.code_table import CodeTable
 from testfield.targets.field import Field, NominalBoard
 from testfield.targets.field_file import FieldFile, PatternPart
 from testfield.targets.marks import USUAL, Marks
@@ -71,21 +73,34 @@ def look_for(
     polarity: str,
     smallest_px: float = SMALLEST_PX,
     knobs: Knobs = DEFAULT,
+    coded: tuple[TargetSpec, str, CodeTable | None] | None = None,
 ) -> Found:
     """What a photograph shows of all boards, their names with their kinds, together: `board` of each observation is the
-    board's number."""
-    parts = [
-        detect_in_photograph(photograph, target, USUAL, polarity, smallest_px, None, knobs) for _, target in boards
-    ]
-    if len(parts) == 1:
+    board's number. `coded` are targets beside them (kind, rings' shape, table), as if of one board more; `polarity` is
+    theirs then."""
+    way = polarity if coded is None else AUTO
+    parts = [detect_in_photograph(photograph, target, USUAL, way, smallest_px, None, knobs) for _, target in boards]
+    if len(parts) == 1 and coded is None:
         return _of_pattern(parts[0], 0)
-    numbered = [_of_pattern(part, b) for b, part in enumerate(parts)]
+    boarded = [_of_pattern(part, b) for b, part in enumerate(parts)]
+    if coded is not None:
+        target, radii, codes = coded
+        parts.append(detect_in_photograph(photograph, target, radii, polarity, smallest_px, codes, knobs))
+        boarded.append(_beside(parts[-1], len(boards)))
+        boards = (*boards, (target.kind, target))
     notes = [f"{name}: {note}" for (name, _), part in zip(boards, parts, strict=True) for note in part.notes]
     discs = any(part.observations.centre_of_disc for part in parts if len(part.observations))
-    joined = Observations.beside([part.observations for part in numbered])
+    joined = Observations.beside([part.observations for part in boarded])
     return Found(
-        replace(joined, centre_of_disc=discs), np.vstack([part.place for part in numbered]), tuple(dict.fromkeys(notes))
+        replace(joined, centre_of_disc=discs), np.vstack([part.place for part in boarded]), tuple(dict.fromkeys(notes))
     )
+
+
+def _beside(found: Found, b: int) -> Found:
+    o = found.observations
+    # Where rows are projections of centres themselves, no disc's moments may be taken for more.
+    moments = o.moments_px2 if o.centre_of_disc else np.full_like(o.moments_px2, np.nan)
+    return replace(found, observations=replace(o, board=np.full(len(o), b), moments_px2=moments))
 
 
 def _of_pattern(found: Found, b: int) -> Found:
@@ -95,12 +110,16 @@ def _of_pattern(found: Found, b: int) -> Found:
 
 
 def of_boards(
-    found: list[Found], names: tuple[str, ...], patterns: tuple[Pattern, ...], white_on_black: bool | None = None
+    found: list[Found],
+    names: tuple[str, ...],
+    patterns: tuple[Pattern, ...],
+    white_on_black: bool | None = None,
+    coded: TargetSpec | None = None,
 ) -> tuple[Observations, Field, list[str]]:
     """The observations of all images with `board` and `point` of the boards' sheet, the sheet, and notes.
 
     What was read where no model could be fitted takes part with the uncertainty of such readings. A dot's diameter that
-    nobody told is measured against the spacing.
+    nobody told is measured against the spacing. Of targets `coded` beside the boards the numbers are kept.
     """
     o = Observations.join([one.observations for one in found], names)
     discs = any(one.observations.centre_of_disc for one in found if len(one.observations))
@@ -134,7 +153,9 @@ def of_boards(
                 f"height, the spacing to {100 * pattern.u_scale:.2g} %; a field file's [[patterns]] can tell better"
             )
     # A number that a tag had is that of its board's point now.
-    named = replace(o, board=board, point=point, status=status, code=np.zeros(len(o), int), centre_of_disc=discs)
+    beside = o.board == len(patterns) if coded else np.zeros(len(o), bool)
+    named = replace(o, board=board, point=np.where(beside, o.point, point), status=status, centre_of_disc=discs)
+    named = numbered(named, beside, coded or patterns[0].target)
     scale = max((pattern.u_scale for pattern in patterns), default=0.0)
     return named, Field(14, tuple(boards), white_on_black=bool(white_on_black), u_scale=scale), notes
 

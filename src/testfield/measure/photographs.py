@@ -18,6 +18,8 @@ from testfield.calibrate.ties import Ties, coded_ties
 from testfield.detect.observations import MEASURED, Observations
 from testfield.detect.photograph import Found
 from testfield.detect.target_spec import TargetSpec
+from testfield.measure.beside_boards import KINDS as BESIDE
+from testfield.measure.beside_boards import points_beside
 from testfield.measure.certified import Length, certified_of, lengths_of
 from testfield.measure.moved import against_groups, in_settings
 from testfield.measure.patterns import Pattern, of_boards
@@ -87,7 +89,7 @@ def measure(
     moved: tuple[str, ...] = ()
     if target.kind in SINGLE_TAGS and not patterns:
         found, moved = as_coded(found)
-    if field.groups and taken is None and target.kind == "ring":
+    if field.groups and taken is None and target.kind == "ring" and not patterns:
         found, field, moved = in_settings(names, found, size_px, field, lens, hold, focal_px)
 
     def some(images: np.ndarray, focal_px: float | None, misfit: Misfit | None) -> Measurement:
@@ -129,7 +131,7 @@ def _measured(
     patterns: tuple[Pattern, ...],
 ) -> Measurement:
     if patterns:
-        return _of_patterns(names, found, size_px, field, patterns, lens, hold, misfit, taken)
+        return _of_patterns(names, found, size_px, field, target, patterns, lens, hold, misfit, taken)
     observations = Observations.join([one.observations for one in found], names)
     imaging = None
     if taken:
@@ -232,6 +234,7 @@ def _of_patterns(
     found: list[Found],
     size_px: tuple[int, int],
     field: FieldFile,
+    target: TargetSpec,
     patterns: tuple[Pattern, ...],
     lens: str,
     hold: tuple[str, ...],
@@ -239,14 +242,24 @@ def _of_patterns(
     taken: Taken | None,
 ) -> Measurement:
     """Cameras from photographs of boards whose print says where every point lies."""
-    named, sheet, notes = of_boards(found, names, patterns, field.target.white_on_black)
+    coded = target if field.patterns and target.kind in BESIDE else None
+    named, sheet, notes = of_boards(found, names, patterns, field.target.white_on_black, coded)
     cameras: tuple[CameraSheet, ...] = ()
     if taken:
         named, sheet, cameras = named.by(taken.camera, taken.place), replace(sheet, rigs=taken.rigs), taken.cameras
     calibration = stitched(named, sheet, *size_px, lens, hold, True, misfit, cameras)
     empty = Points("stitched", *(np.zeros(s, t) for s, t in EMPTY))
     datum = f"the frame of '{calibration.board_names[0]}': origin in its middle, x along its rows, y up its columns"
-    return Measurement(named, replace(calibration, notes=(*calibration.notes, *notes)), empty, (), datum)
+    calibration = replace(calibration, notes=(*calibration.notes, *notes))
+    if coded is None:
+        return Measurement(named, calibration, empty, (), datum)
+    points = points_beside(named, calibration, sheet, field)
+    place = {int(code): k for k, code in enumerate(points.code)}
+    row = np.array([place.get(int(c), -1) if c > 0 else -1 for c in named.code], int)
+    lengths, not_compared = lengths_of(certified_of(field), points, set(), "boards")
+    wrong = failed_checks([(d.name, d.en) for d in lengths if d.role == "check"])
+    named = replace(named, point=np.where(named.board < 0, row, named.point))
+    return Measurement(named, failed(calibration, not_compared + wrong), points, lengths, datum)
 
 
 def _of_grid(
