@@ -51,7 +51,7 @@ def seen_in(photographs: Sequence[Photograph], observations: Observations) -> Se
     for photograph in photographs:
         own = observations.take((observations.station == station[photograph.name]) & (observations.status == MEASURED))
         sheets.append(estimate_sheet(photograph.pixels, photograph.bits, photograph.end_dn))
-        if len(own) and not np.isfinite(own.moments_px2).any():
+        if not own.centre_of_disc:
             for black, white, sigma in crossings(photograph.pixels, own.xy_px, MOST_DOTS):
                 levels.append((black, white))
                 blurs.append(sigma)
