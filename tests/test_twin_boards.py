@@ -1,5 +1,10 @@
 """Twins of boards of squares: light and blur from their corners, boards where the calibration has them."""
 
+import json
+import shutil
+from importlib import import_module
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
@@ -9,13 +14,16 @@ from testfield.author.twin_boards import pattern_boards
 from testfield.calibrate.calibration import Calibration
 from testfield.camera.interior import Interior
 from testfield.camera.pose import Poses
+from testfield.cli.main import main
 from testfield.detect.observations import Observations
 from testfield.errors import TestfieldError
+from testfield.measure.job_file import job_of, load_job, save_job
 from testfield.measure.patterns import patterns_of
 from testfield.measure.seen_corners import crossings
 from testfield.scene.build import build_world
 from testfield.scene.schema import SceneFile
 from testfield.targets.field_file import field_of_target
+from testfield.uncertainty.halves import NO_HALVES
 
 BLACK, WHITE, BLUR_PX, FINE = 40.0, 190.0, 0.9, 8
 
@@ -70,6 +78,112 @@ def test_boards_that_have_no_twin_are_refused_by_name() -> None:
     patterns = patterns_of(field_of_target("aprilgrid:6x6:88:26.4"), "here")
     with pytest.raises(TestfieldError, match="aprilgrid"):
         pattern_boards(None, None, patterns, [], ())  # type: ignore[arg-type]
+
+
+def test_a_job_of_several_cameras_is_asked_again_as_it_was(tmp_path: Path) -> None:
+    folders = [tmp_path / "left", tmp_path / "right"]
+    save_job(job_of({"images": folders, "rig": True, "target": "checkerboard:9x6:25"}), tmp_path)
+    job = load_job(tmp_path / "job.json")
+    assert job.cameras
+    assert {"--rig", "--target", "checkerboard:9x6:25"} == set(job.options)
+
+
+SCENE = """name = "board"
+seed = 4
+u_print_scale_ppm = 0
+[volume]
+size_mm = [400, 300, 200]
+[kinds.body]
+width_px = 640
+height_px = 480
+pixel_pitch_um = 5.0
+f_number = 8
+psf_sigma_px = 0.6
+{cameras}
+[exposure]
+time_ms = 9
+[room]
+ambient_w_m2_sr = 1.6
+[[boards]]
+name = "A"
+size_mm = [310, 220]
+position_mm = [0, 0, 300]
+pattern = {{ {pattern} }}
+[[stations]]
+generator = "arc"
+{held}
+count = {count}
+radius_mm = 420
+height_mm = 450
+azimuth_deg = [-35, 35]
+look_at_mm = [0, 0, 300]
+roll_deg = [0, 90, 180, -90]
+[[stations]]
+generator = "arc"
+{held}
+count = {count}
+radius_mm = 400
+height_mm = 150
+azimuth_deg = [-30, 30]
+look_at_mm = [0, 0, 300]
+roll_deg = [90, 0, -90, 180]
+"""
+ONE = """[camera]
+kind = "body"
+focal_length_mm = 4.0
+k1 = -0.08
+"""
+TWO = """[[cameras]]
+name = "left"
+kind = "body"
+focal_length_mm = 4.0
+k1 = -0.08
+[[cameras]]
+name = "right"
+kind = "body"
+focal_length_mm = 4.1
+k1 = -0.09
+[[rigs]]
+name = "bar"
+[[rigs.cameras]]
+camera = "left"
+position_mm = [-60, 0, 0]
+[[rigs.cameras]]
+camera = "right"
+position_mm = [60, 0, 0]
+rotation_deg = [0, -3, 0]
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("several", [False, True], ids=["charuco", "two-cameras"])
+def test_the_twin_of_a_board_scatters_as_its_photographs(
+    several: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    room = import_module("testfield.measure.photographs")
+    monkeypatch.setattr(room, "compare_halves", lambda images, measure: NO_HALVES)
+    pattern = "columns = 10, rows = 7, square_mm = 28"
+    pattern = f'kind = "checkerboard", {pattern}' if several else f'kind = "charuco", {pattern}, marker_mm = 21'
+    cameras, held = (TWO, 'rig = "bar"') if several else (ONE, "")
+    scene = tmp_path / "board.toml"
+    scene.write_text(SCENE.format(cameras=cameras, pattern=pattern, held=held, count=3 if several else 4))
+    assert main(["run", str(scene), "--out", str(tmp_path / "run"), "--jobs", "1"]) == 0
+    frames, target = tmp_path / "run" / "frames", "charuco:10x7:DICT_4X4_50:28:21"
+    taken = [str(frames)]
+    if several:
+        target, taken = "checkerboard:9x6:28", [str(tmp_path / "left"), str(tmp_path / "right"), "--rig"]
+        for frame in frames.glob("*.png"):
+            place, camera = frame.stem.rsplit("-", 1)
+            (tmp_path / camera).mkdir(exist_ok=True)
+            shutil.copy(frame, tmp_path / camera / f"{place}.png")
+    out = str(tmp_path / "measured")
+    assert main(["measure", *taken, "--target", target, "--hold", "k3", "--jobs", "1", "--out", out]) == 0
+    capsys.readouterr()
+    assert main(["twin", out, "--measure", "--json", "--jobs", "1"]) == 0
+    rows = {row["title"]: row for row in json.loads(capsys.readouterr().out)["rows"]}
+    assert 1 / 1.5 < rows["residual of a coordinate, rms"]["ratio"] < 1.5
+    errors = [row for title, row in rows.items() if title.endswith("actual error of the focal length")]
+    assert len(errors) == (2 if several else 1)
 
 
 def _nothing() -> Observations:

@@ -94,7 +94,12 @@ def reasons(job: Measured, twin: Measured) -> list[str]:
     implied = a / b
     said = []
     if max(implied, 1 / implied) > ALIKE:
-        if likeness(job) - likeness(twin) > UNLIKE:
+        if implied < 1:
+            said.append(
+                "the twin scatters more than the photographs: its noise, blur or contrast was taken for worse than it "
+                "is; compare the images"
+            )
+        elif likeness(job) - likeness(twin) > UNLIKE:
             said.append(
                 "residuals of neighbours go together in the photographs and not in the twin: something smooth differs "
                 "from image to image (a target that bends, focus, motion), and a twin holds still"
