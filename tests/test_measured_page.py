@@ -11,8 +11,8 @@ from hand_made import HandMade
 from testfield.detect.observations import MEASURED
 from testfield.measure.doubts import doubts_of
 from testfield.measure.photographs import Measurement
-from testfield.report.measured_figures import smoothed
-from testfield.report.measured_parts import boards_of, outlined, reasons, residual_rows, stations_of, unused_of
+from testfield.report.measured_figures import outlined, smoothed
+from testfield.report.measured_parts import boards_of, reasons, residual_rows, stations_of, unused_of
 from testfield.targets.field_file import FieldFile
 from testfield.uncertainty.halves import Difference, Halves
 
@@ -92,8 +92,8 @@ def test_the_smooth_part_is_found_in_noise_and_noise_alone_is_chance() -> None:
 
 
 def test_the_outline_of_a_square_is_its_area() -> None:
-    assert outlined(np.array([[0, 0], [50, 0], [50, 50], [0, 50], [20, 20.0]]), 100, 100) == pytest.approx(0.25)
-    assert outlined(np.array([[0, 0], [1, 1], [2, 2.0]]), 100, 100) == 0
+    assert outlined(np.array([[0, 0], [50, 0], [50, 50], [0, 50], [20, 20.0]]), 100, 100)[0] == pytest.approx(0.25)
+    assert outlined(np.array([[0, 0], [1, 1], [2, 2.0]]), 100, 100)[0] == 0
 
 
 def test_what_fails_nothing_may_be_doubtful_and_says_each_reason(by_hand: HandMade) -> None:

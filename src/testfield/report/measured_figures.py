@@ -32,11 +32,9 @@ def coverage(c: Calibration) -> tuple[bytes, dict[str, float]]:
     edges = (np.linspace(0, interior.width_px, columns + 1), np.linspace(0, interior.height_px, rows + 1))
     count = np.histogram2d(xy[:, 0], xy[:, 1], bins=edges)[0].T
     middle = np.array([interior.width_px, interior.height_px]) / 2
-    hull = None
-    with suppress(QhullError):  # points on a line have no outline
-        hull = ConvexHull(xy) if len(xy) > 2 else None
+    part, ring = outlined(xy, interior.width_px, interior.height_px)
     said = {
-        "outline": 100 * (hull.volume / (interior.width_px * interior.height_px)) if hull is not None else 0.0,
+        "outline": 100 * part,
         "cells": 100 * float((count > 0).mean()),
         "radius": 100 * float(np.linalg.norm(xy - middle, axis=1).max(initial=0) / np.linalg.norm(middle)),
     }
@@ -51,11 +49,20 @@ def coverage(c: Calibration) -> tuple[bytes, dict[str, float]]:
             interpolation="nearest",
         )
         axes.scatter(*xy.T, s=1.6, color=INK, lw=0, alpha=0.6)
-        if hull is not None:
-            ring = np.append(hull.vertices, hull.vertices[0])
-            axes.plot(*xy[ring].T, color=WARM, lw=1)
+        axes.plot(*ring.T, color=WARM, lw=1)
         _frame(axes, c)
         return svg_of(drawing), said
+
+
+def outlined(xy_px: np.ndarray, width_px: int, height_px: int) -> tuple[float, np.ndarray]:
+    """The part of an image within the convex outline of points (n, 2), and its corners (k, 2), the first one again at
+    the end; nothing where all lie on a line."""
+    with suppress(QhullError):
+        if len(xy_px) > 2:
+            hull = ConvexHull(xy_px)
+            corners = np.append(hull.vertices, hull.vertices[0])
+            return float(hull.volume / (width_px * height_px)), xy_px[corners]
+    return 0.0, np.zeros((0, 2))
 
 
 def residual_vectors(c: Calibration) -> bytes:

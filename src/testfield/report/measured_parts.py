@@ -9,11 +9,12 @@ from typing import Any
 
 import cv2
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError, cKDTree
+from scipy.spatial import cKDTree
 
 from testfield.calibrate.ties import LEAST_RAYS
 from testfield.detect.observations import MEASURED, TEXTURE, Observations
 from testfield.measure.photographs import Measurement
+from testfield.report.measured_figures import outlined
 from testfield.targets.field import TIME
 from testfield.targets.field_file import FieldFile
 
@@ -70,20 +71,10 @@ def stations_of(result: Measurement, rows: np.ndarray) -> list[dict[str, Any]]:
                 "rejected": lost[name],
                 "rms": float(np.sqrt(size2[own].mean())) if own.any() else None,
                 "worst": float(np.sqrt(size2[own].max())) if own.any() else None,
-                "covered": 100 * outlined(c.residual_at_px[own], camera.width_px, camera.height_px),
+                "covered": 100 * outlined(c.residual_at_px[own], camera.width_px, camera.height_px)[0],
             }
         )
     return answer
-
-
-def outlined(xy_px: np.ndarray, width_px: int, height_px: int) -> float:
-    """The part of an image within the convex outline of points (n, 2)."""
-    if len(xy_px) < 3:
-        return 0.0
-    try:
-        return float(ConvexHull(xy_px).volume / (width_px * height_px))
-    except QhullError:
-        return 0.0
 
 
 def boards_of(result: Measurement, field: FieldFile, rows: np.ndarray) -> list[dict[str, Any]]:
