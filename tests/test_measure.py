@@ -379,4 +379,5 @@ def test_the_halves_of_a_real_grid_are_compared(tmp_path: Path, capsys: pytest.C
     halves = json.loads(capsys.readouterr().out)["halves"]
     assert halves["splits"] == 3
     assert {d["quantity"] for d in halves["differences"]} == {"fx", "cx", "cy"}
-    assert "too small" in halves["note"]  # paper that bends otherwise in each image
+    # The paper bends otherwise in each image, which is in what is stated.
+    assert all(d["ratio"] < 2 for d in halves["differences"])

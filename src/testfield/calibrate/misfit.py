@@ -9,6 +9,7 @@ import numpy as np
 from testfield.adjust.bundle import Adjustment, adjust
 from testfield.adjust.network import Network
 from testfield.adjust.reliability import global_test
+from testfield.calibrate.between_images import between_images
 from testfield.calibrate.calibration import Calibration
 from testfield.calibrate.lens_misfit import SIGNIFICANT, LensMisfit, lens_misfit, with_lens_misfit
 from testfield.calibrate.unflat_boards import unflat, with_heights
@@ -24,11 +25,13 @@ Names = Callable[[Network], list[str]]
 @dataclass(frozen=True)
 class Misfit:
     """A smooth field of the `lens`, if any; `unflat_mm`, the standard deviation of marks' heights above their boards,
-    0 where sheets are right; `variance` by which observations' covariances are multiplied, 1 where claims are."""
+    0 where sheets are right; `variance` by which observations' covariances are multiplied, 1 where claims are;
+    `between` by which they are multiplied besides, because images contradict each other more than points do."""
 
     lens: LensMisfit | None = None
     unflat_mm: float = 0.0
     variance: float = 1.0
+    between: float = 1.0
 
     @property
     def found(self) -> bool:
@@ -51,7 +54,8 @@ class Misfit:
         """The figures under their stable keys; empty where the model fails in nothing."""
         lens = self.lens.card if self.lens else {}
         flat = {"unflat_mm": self.unflat_mm} if self.unflat_mm else {}
-        return lens | flat | ({"widened": self.variance} if self.found else {})
+        between = {"between_images": self.between} if self.between > 1 else {}
+        return lens | flat | ({"widened": self.variance} if self.found else {}) | between
 
     @staticmethod
     def of(calibration: Calibration) -> "Misfit":
@@ -60,7 +64,7 @@ class Misfit:
         lens = None
         if modes is not None:
             lens = LensMisfit(card["s_px"], card["length_px"], card["variance"], card["rise"], modes)
-        return Misfit(lens, card.get("unflat_mm", 0.0), card.get("widened", 1.0))
+        return Misfit(lens, card.get("unflat_mm", 0.0), card.get("widened", 1.0), card.get("between_images", 1.0))
 
     def applied(self, network: Network, names: Names) -> Network:
         """A network with all this in its model, at its new minimum but for second-order terms."""
@@ -121,6 +125,23 @@ def widened(adjustment: Adjustment, names: Names) -> tuple[Adjustment, float]:
         network = adjustment.network
         adjustment = adjust(replace(network, cov_px2=excess * network.cov_px2), names(network))
     return adjustment, factor
+
+
+def widened_by_images(
+    adjustment: Adjustment, names: Names, misfit: Misfit, given: Misfit | None
+) -> tuple[Adjustment, Misfit, list[str]]:
+    """The adjustment with covariances that hold what differs from image to image, the misfit with that, and what a
+    reader is told. Of some of the images the factor of all of them, if it is `given`: few images say little of it."""
+    seen = None if given else between_images(adjustment)
+    factor = given.between if given else seen.excess if seen else 1.0
+    if factor > 1:
+        network = adjustment.network
+        adjustment = adjust(replace(network, cov_px2=factor * network.cov_px2), names(network))
+    said = [
+        f"images differ from each other {np.sqrt(factor):.1f} times as much as their points' scatter explains (a "
+        "target that bends or moves from image to image, focus): all uncertainties are those of the images"
+    ]
+    return adjustment, replace(misfit, between=factor), said if factor > 1 else []
 
 
 def _scaled(misfit: Misfit, network: Network, names: Names) -> Misfit:

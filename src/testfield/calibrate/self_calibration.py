@@ -14,7 +14,15 @@ from testfield.calibrate.homography import image_middle
 from testfield.calibrate.imaging import Imaging, imaging_of
 from testfield.calibrate.lens_misfit import with_lens_misfit, without_lens_misfit
 from testfield.calibrate.loose_network import loose_network
-from testfield.calibrate.misfit import NO_MISFIT, Misfit, Names, misfit_of, scatter_note, widened
+from testfield.calibrate.misfit import (
+    NO_MISFIT,
+    Misfit,
+    Names,
+    misfit_of,
+    scatter_note,
+    widened,
+    widened_by_images,
+)
 from testfield.calibrate.self_cameras import (
     as_one_camera,
     camera_of,
@@ -175,6 +183,7 @@ def settled(job: Job, hold: tuple[str, ...], empirical: bool, misfit: Misfit | N
     job, adjustment = settle(first)
     network, lens_notes = free_what_is_determined(job.network, job.ties.stations, hold, job.cameras)
     bare, adjustment = settle(replace(job, network=network))
+    given = misfit
     misfit, bare, adjustment = _followed(first, bare, adjustment, misfit)
     held = tested(adjustment, bare.ties, bare.certified, bare.scale_from)
     job = replace(bare, scale_from=held.scale_from)
@@ -199,6 +208,9 @@ def settled(job: Job, hold: tuple[str, ...], empirical: bool, misfit: Misfit | N
         factor *= more
     if factor > 1:
         notes.append(scatter_note(factor))
+    if empirical:
+        adjustment, misfit, said = widened_by_images(adjustment, _names(job), misfit, given)
+        factor, notes = factor * misfit.between, [*notes, *said]
     again = tuple(
         replace(now, u=before.u, u_aspect=before.u_aspect)
         for now, before in zip(free.network.cameras, bare.network.cameras, strict=True)

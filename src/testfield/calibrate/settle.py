@@ -9,7 +9,16 @@ from testfield.adjust.network import Camera, Distances, Network, information_of
 from testfield.calibrate.discs import Discs
 from testfield.calibrate.doubts import geometric_doubts
 from testfield.calibrate.lens_misfit import without_lens_misfit
-from testfield.calibrate.misfit import NO_MISFIT, Misfit, Names, excess_of, misfit_of, scatter_note, widened
+from testfield.calibrate.misfit import (
+    NO_MISFIT,
+    Misfit,
+    Names,
+    excess_of,
+    misfit_of,
+    scatter_note,
+    widened,
+    widened_by_images,
+)
 from testfield.calibrate.settled import REJECT_SIGMA, Settled, residual_sizes
 from testfield.calibrate.sheets import (
     FEW,
@@ -40,9 +49,9 @@ def settled(start: Start, rows: Observations, empirical: bool = False, misfit: M
 
     What residuals show that the model does not follow is adjusted too, or the `misfit` that is given; it is asked
     before a sheet or an image is called wrong. Bars come last: they are tested against what images and sheets made of
-    them. `empirical` widens all covariances where observations scatter more than they claim; where the model fails they
-    are widened anyway. Where the observations do not determine an unknown, the `TestfieldError` says which geometry is
-    to blame.
+    them. `empirical` widens all covariances where observations scatter more than they claim, and where images
+    contradict each other more than that; where the model fails they are widened anyway. Where the observations do not
+    determine an unknown, the `TestfieldError` says which geometry is to blame.
     """
     discs = Discs(rows.moments_px2[start.rows], start.radius_mm) if rows.centre_of_disc else None
     try:
@@ -59,6 +68,12 @@ def settled(start: Start, rows: Observations, empirical: bool = False, misfit: M
         if empirical or last.misfit.found:
             adjustment, factor = widened(last.adjustment, _unknowns(start))
             last = replace(last, adjustment=adjustment, widened=factor * last.misfit.variance)
+        if last.widened > 1:
+            last = replace(last, notes=[*last.notes, scatter_note(last.widened)])
+        if empirical:
+            adjustment, own, said = widened_by_images(last.adjustment, _unknowns(start), last.misfit, misfit)
+            wide, notes = last.widened * own.between, [*last.notes, *said]
+            last = replace(last, adjustment=adjustment, widened=wide, misfit=own, notes=notes)
     except TestfieldError as error:
         reasons = doubts_of_geometry(start.network, start)
         raise TestfieldError("; ".join([error.what, *reasons]), error.where, error.do) from error
@@ -68,8 +83,6 @@ def settled(start: Start, rows: Observations, empirical: bool = False, misfit: M
             "; ".join(["the adjustment does not come to rest", *reasons]),
             do="look at the sheets, the numbers, the images",
         ) from error
-    if last.widened > 1:
-        last = replace(last, notes=[*last.notes, scatter_note(last.widened)])
     return replace(last, plain=plain.adjustment if last.misfit.found else None)
 
 
