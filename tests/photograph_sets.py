@@ -56,7 +56,6 @@ def _hall(folder: Path) -> dict[str, set[int]]:
 
 
 HELD = ("measure", "--hold", "k3")
-SQUARES = "a grid of squares that do not touch: no kind of target"
 ECO = "ECoCheck, a checkerboard with bits of its own in the white squares: no kind of target"
 SETS = (
     Set("micmac plate", ("ring14_plate",), "ring14", 162, ("measure", "--field", "plate"), _plate),
@@ -110,10 +109,28 @@ SETS = (
         40,
     ),
     Set("CCTags, AliceVision", ("alicevision+CCTag/sample",), "cctag:3"),
-    Set("BoofCV squares, PULNiX (Zhang's)", (f"{MONO}/PULNiX_CCD_6mm_Zhang",), none=SQUARES),
-    Set("BoofCV squares, Sony HX5V", (f"{MONO}/Sony_DSC-HX5V_Square",), none=SQUARES),
-    Set("BoofCV squares, Bumblebee2", (f"{STEREO}/Bumblebee2_Square",), none=SQUARES),
-    Set("BoofCV squares, fisheye", (f"{BOOF}/fisheye/square_grid",), none=SQUARES),
+    Set(
+        "BoofCV squares, PULNiX (Zhang's)",
+        (f"{MONO}/PULNiX_CCD_6mm_Zhang",),
+        "squares:8x8:22.5778:12.7",
+        5 * 256,
+        ("measure", "--hold", "k3,p1,p2"),
+    ),
+    Set("BoofCV squares, Sony HX5V", (f"{MONO}/Sony_DSC-HX5V_Square",), "squares:4x3:60:30", 14 * 48, HELD),
+    Set(
+        "BoofCV squares, Bumblebee2",
+        (f"{STEREO}/Bumblebee2_Square/left*.jpg", f"{STEREO}/Bumblebee2_Square/right*.jpg"),
+        "squares:4x3:60:30",
+        26 * 48,
+        (*HELD, "--by-folder"),
+    ),
+    Set(
+        "BoofCV squares, fisheye",
+        (f"{BOOF}/fisheye/square_grid",),
+        "squares:4x3:60:30",
+        22 * 48,
+        ("measure", "--lens", "fisheye"),
+    ),
     Set("BoofCV ECoCheck, Zed", (f"{STEREO}/Zed_ecocheck",), none=ECO),
     Set("BoofCV ECoCheck, three cameras", (f"{BOOF}/trinocular/left",), none=ECO),
     Set(

@@ -124,6 +124,10 @@ pattern = { kind = "cctag", columns = 4, rows = 3, pitch_mm = 100, diameter_mm =
 name = "runetag"
 position_mm = [3900, 250, 1560]
 pattern = { kind = "runetag", diameter_mm = 300, number = 8 }
+[[boards]]
+name = "squares"
+position_mm = [4900, 250, 1560]
+pattern = { kind = "squares", columns = 5, rows = 4, square_mm = 60, gap_mm = 40 }
 [certified_poses]
 u_position_mm = 0.1
 u_rotation_deg = 0.01
@@ -410,6 +414,10 @@ TABLE: dict[str, list[Change]] = {
         ("boards.8.pattern.first_tag", 6, ALL),
         ("boards.9.pattern.diameter_mm", 310, ALL),
         ("boards.9.pattern.number", 10, ALL),
+        ("boards.10.pattern.columns", 6, ALL),
+        ("boards.10.pattern.rows", 3, ALL),
+        ("boards.10.pattern.square_mm", 61, ALL),
+        ("boards.10.pattern.gap_mm", 41, ALL),
         ("u_print_scale_ppm", 30, ALL),
         ("certified_poses.u_position_mm", 0.2, SHEET),
         ("certified_poses.u_rotation_deg", 0.02, SHEET),

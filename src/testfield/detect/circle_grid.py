@@ -8,6 +8,7 @@ MISS = 0.25
 """How far from its predicted place a dot may be, in steps of the grid."""
 SIZES = 1.7
 """Neighbours differ in diameter by less than this ratio."""
+UNPLACED = np.iinfo(int).min
 LEAST_FILLED, LEAST_EDGE = 0.9, 0.5
 """Parts of a whole grid, and of each of its outer rows, that must be found where some dots are not."""
 
@@ -29,7 +30,6 @@ def order_grid(xy_px: np.ndarray, diameter_px: np.ndarray, columns: int = 0, row
     tree = cKDTree(xy_px)
     best = nothing
     tried = np.zeros(n, bool)
-    wanted = {(columns, rows), (rows, columns)} if columns and rows else None
     for seed in np.argsort(np.linalg.norm(xy_px - np.median(xy_px, axis=0), axis=1)):
         if tried[seed]:
             continue
@@ -37,13 +37,20 @@ def order_grid(xy_px: np.ndarray, diameter_px: np.ndarray, columns: int = 0, row
         if steps is None:
             continue
         place = _follow(seed, steps, xy_px, diameter_px, tree)
-        inside = place[:, 0] > np.iinfo(int).min
+        inside = place[:, 0] > UNPLACED
         tried |= inside
-        if wanted is not None:
-            inside = _window(place, inside, wanted)
-        if inside.sum() > max((best[:, 0] >= 0).sum(), 3):
-            best = _upright(place, inside, xy_px)
+        found = counted(place, inside, xy_px, columns, rows)
+        if (found[:, 0] >= 0).sum() > max((best[:, 0] >= 0).sum(), 3):
+            best = found
     return best
+
+
+def counted(place: np.ndarray, inside: np.ndarray, xy_px: np.ndarray, columns: int = 0, rows: int = 0) -> np.ndarray:
+    """Column and row (n, 2) as `order_grid` counts them of dots at `xy_px` (n, 2) whose places (n, 2) from one of them
+    were followed where `inside` (n,); -1 for the others, and for all where they do not have the size asked for."""
+    if columns and rows:
+        inside = _window(place, inside, {(columns, rows), (rows, columns)})
+    return _upright(place, inside, xy_px) if inside.any() else np.full((len(place), 2), -1)
 
 
 def _steps(seed: int, xy: np.ndarray, size: np.ndarray, tree: cKDTree) -> np.ndarray | None:
@@ -70,9 +77,8 @@ def _steps(seed: int, xy: np.ndarray, size: np.ndarray, tree: cKDTree) -> np.nda
 
 
 def _follow(seed: int, steps: np.ndarray, xy: np.ndarray, size: np.ndarray, tree: cKDTree) -> np.ndarray:
-    """(n, 2) places in steps from the seed, the least integer for dots that were not reached."""
-    none = np.iinfo(int).min
-    place = np.full((len(xy), 2), none)
+    """(n, 2) places in steps from the seed, `UNPLACED` for dots that were not reached."""
+    place = np.full((len(xy), 2), UNPLACED)
     at = {(0, 0): int(seed)}
     local = {(0, 0): steps}
     place[seed] = 0
@@ -87,7 +93,7 @@ def _follow(seed: int, steps: np.ndarray, xy: np.ndarray, size: np.ndarray, tree
                 continue
             step = np.array(move) @ own
             distance, hit = tree.query(xy[k] + step)
-            if distance > MISS * np.linalg.norm(own, axis=1).min() or place[hit, 0] != none:
+            if distance > MISS * np.linalg.norm(own, axis=1).min() or place[hit, 0] != UNPLACED:
                 continue
             if not 1 / SIZES < size[hit] / size[k] < SIZES:
                 continue

@@ -14,6 +14,7 @@ import numpy as np
 
 from testfield.camera.plane_image import as_others_say
 from testfield.detect.eight_bits import pictures
+from testfield.detect.lone_squares import read_lone_squares
 from testfield.detect.small_tags import read_tags, with_small_tags
 from testfield.detect.target_spec import TargetSpec
 from testfield.detect.touching_tags import read_touching_tags
@@ -82,6 +83,7 @@ def _find(image: np.ndarray, spec: TargetSpec) -> Corners:
         "aprilgrid": _april_grid,
         "tags": _tag_board,
         "checkerboard": _checkerboard,
+        "squares": _lone_squares,
         "acircles": _asymmetric_circles,
     }[spec.kind]
     try:
@@ -94,7 +96,7 @@ def _all_points(spec: TargetSpec) -> int:
     """How many points a board has, 0 where nobody said: of single tags."""
     if spec.kind == "charuco":
         return (spec.columns - 1) * (spec.rows - 1)
-    if spec.kind in ("aprilgrid", "tags"):
+    if spec.kind in ("aprilgrid", "tags", "squares"):
         return CORNERS_A_TAG * spec.columns * spec.rows
     return spec.columns * spec.rows
 
@@ -271,6 +273,16 @@ def _checkerboard(image: np.ndarray, spec: TargetSpec) -> Corners:
             return _grid(corners, spec)
         found.append(corners)
     return _grid(found[0], spec) if found else _empty()
+
+
+def _lone_squares(image: np.ndarray, spec: TargetSpec) -> Corners:
+    """Four corners a square, clockwise from its top left, by a finder of our own."""
+    columns, rows = spec.upright
+    square, corners = read_lone_squares(image, columns, rows, spec.square_mm / spec.marker_mm)
+    tag = square[:, 1] * columns + square[:, 0]
+    point = (CORNERS_A_TAG * tag[:, None] + np.arange(CORNERS_A_TAG)).ravel()
+    place = (2 * square[:, None] + [[0, 0], [1, 0], [1, 1], [0, 1]]).reshape(-1, 2)
+    return Corners(corners.reshape(-1, 2), np.full(len(point), -1), point, place)
 
 
 def _asymmetric_circles(image: np.ndarray, spec: TargetSpec) -> Corners:

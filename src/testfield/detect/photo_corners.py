@@ -13,6 +13,7 @@ import numpy as np
 from testfield.camera.images import Frame, InvertedSheet, SensorSheet
 from testfield.camera.photograph import Photograph
 from testfield.detect.corner_model import FARTHEST_PX
+from testfield.detect.edge_shift import edge_shift
 from testfield.detect.noise import estimate_sheet
 from testfield.detect.observations import MEASURED, READ, Observations
 from testfield.detect.opencv_boards import CORNERS_A_TAG, Corners
@@ -24,9 +25,15 @@ from testfield.targets.marks import Marks
 
 SAME_PX = 1.5
 """The model's corner is OpenCV's where it is this near."""
-READ_PX = {"charuco": 0.25, "checkerboard": 0.25, "aruco": 0.8, "apriltag": 0.8, "tags": 0.8, "aprilgrid": 0.4} | {
-    "acircles": 0.25
-}
+READ_PX = {
+    "charuco": 0.25,
+    "checkerboard": 0.25,
+    "aruco": 0.8,
+    "apriltag": 0.8,
+    "tags": 0.8,
+    "aprilgrid": 0.4,
+    "squares": 0.8,
+} | {"acircles": 0.25}
 """Standard deviations of what OpenCV reads, in each direction."""
 QUIET_CELLS = (1.0, 0.5, 0.25)
 """White around a tag, in cells: what its makers ask for, and less where it is not there."""
@@ -60,10 +67,10 @@ def measure_read(photograph: Photograph, target: TargetSpec, found: Corners) -> 
     if target.kind in ("aruco", "apriltag"):  # tag by tag it is known which corner is which
         tag = np.arange(len(o)) // CORNERS_A_TAG
         gap[(corners.board != tag[:, None]) | (corners.point != o.point[:, None])] = np.inf
-    if target.kind == "tags":
+    if target.kind in ("tags", "squares"):
         gap[corners.point != o.point[:, None]] = np.inf
     same = gap.argmin(axis=1)
-    near = gap.min(axis=1) < (FARTHEST_PX if target.kind in ("aruco", "apriltag", "tags") else SAME_PX)
+    near = gap.min(axis=1) < (FARTHEST_PX if target.kind in ("aruco", "apriltag", "tags", "squares") else SAME_PX)
     if target.kind == "checkerboard":
         o.point[:] = as_printed(o.point, corners.point[same], near, target, bool(corners.board[0]))
     good = near & (corners.status[same] == MEASURED)
@@ -71,7 +78,28 @@ def measure_read(photograph: Photograph, target: TargetSpec, found: Corners) -> 
         getattr(o, name)[good] = getattr(corners, name)[same[good]]
     why = Counter(np.where(near, corners.status[same], "no model near")[~good].tolist())
     told = "; ".join(f"{count} {reason}" for reason, count in why.most_common())
-    return o, (f"{int((~good).sum())} points are as OpenCV read them ({told})",) if told else ()
+    notes = [f"{int((~good).sum())} points are as OpenCV read them ({told})"] if told else []
+    if target.kind in ("tags", "squares"):
+        notes += _without_edge_shift(o, _boards(target, found)[0].pattern)
+    return o, tuple(notes)
+
+
+def _without_edge_shift(o: Observations, pattern: BoardPattern | None) -> list[str]:
+    """Take from the measured corners of squares and tags what moves all their edges alike, and say by how much."""
+    assert pattern is not None
+    order = np.argsort(o.point, kind="stable")
+    tag = o.point[order] // CORNERS_A_TAG
+    whole = np.flatnonzero(np.bincount(tag) == CORNERS_A_TAG)
+    rows = order[np.isin(tag, whole)].reshape(-1, CORNERS_A_TAG)
+    told = (o.status[rows] == MEASURED).all(axis=1)
+    corners_mm = pattern.points_mm.reshape(-1, CORNERS_A_TAG, 2)[whole]
+    shift, u, away = edge_shift(corners_mm[told], o.xy_px[rows[told]])
+    if not away.size or not shift:
+        return []
+    rows, away = rows[told].ravel(), away.reshape(-1, 2)
+    o.xy_px[rows] -= away
+    o.cov_px2[rows] += (u / shift) ** 2 * away[:, :, None] * away[:, None, :]
+    return [f"edges lie {shift:+.3f} px outwards of where their spacing has them ({u:.3f}); corners are freed of it"]
 
 
 def as_printed(
@@ -155,6 +183,8 @@ def _boards(target: TargetSpec, found: Corners) -> tuple[NominalBoard, ...]:
         # OpenCV finds it whichever of its sides is called the columns.
         sizes = dict.fromkeys([(columns + 1, rows + 1), (rows + 1, columns + 1)])
         patterns = [BoardPattern("checkerboard", *size, target.square_mm) for size in sizes]
+    elif target.kind == "squares":
+        patterns = [BoardPattern("squares", *target.upright, target.square_mm, target.marker_mm)]
     elif target.kind == "charuco":
         sides = target.square_mm, target.marker_mm
         patterns = [BoardPattern("charuco", columns, rows, *sides, _names(target), legacy=found.legacy)]
@@ -165,7 +195,9 @@ def _boards(target: TargetSpec, found: Corners) -> tuple[NominalBoard, ...]:
         patterns = [BoardPattern("tags", columns, rows, *sides, _names(target), target.first)]
     else:
         return ()
-    return tuple(_board(pattern, 2 * pattern.half_mm) for pattern in patterns)
+    # Beyond the outermost edges there is paper: of squares half as much as between them.
+    beyond = target.square_mm - target.marker_mm if target.kind == "squares" else 0.0
+    return tuple(_board(pattern, 2 * pattern.half_mm + beyond) for pattern in patterns)
 
 
 def _board(pattern: BoardPattern, size_mm: np.ndarray) -> NominalBoard:

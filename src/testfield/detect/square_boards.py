@@ -17,6 +17,7 @@ from testfield.detect.clear_pixels import CLEAR_OF_BLUR, CLEAR_PX, NEAREST, clea
 from testfield.detect.corner_model import FittedCorners, fit_corners
 from testfield.detect.crown_boards import CrownReader
 from testfield.detect.eight_bits import pictures
+from testfield.detect.lone_squares import read_lone_squares
 from testfield.detect.observations import MEASURED, Observations
 from testfield.detect.opencv_boards import checkerboards
 from testfield.detect.small_tags import read_tags
@@ -27,7 +28,9 @@ from testfield.targets.field import Field, NominalBoard
 
 READ_WITHIN_PX = 0.8
 """How well it is known where neighbouring tags are, which are only read."""
-WORST_MISFIT = 0.05
+WORST_MISFIT, WORST_OF_USUAL, MOST_USUAL = 0.05, 2.0, 0.08
+"""What is a corner leaves no larger residual beyond noise than the first, as a fraction of the contrast; where cameras
+sharpen, all corners of an image leave alike, and the second times what is usual there counts, of the third at most."""
 DISTURBED, DISTURBED_CHI2, UNUSUAL = 0.006, 2.0, 3.0
 """A corner is partly hidden or touched by something where its residual beyond noise exceeds the first, as a fraction of
 the contrast, and the third times what is usual in the image, and its chi-squared exceeds the second times what is usual
@@ -82,7 +85,9 @@ class _Reader:
             read = known_of("boards", pattern.kind, "read")
             if read is not None:
                 return read(self.image, pattern)  # type: ignore[no-any-return]
-            return self._tags(pattern) if len(pattern.tags) else self._checkerboard(pattern)
+            if len(pattern.tags):
+                return self._tags(pattern)
+            return self._checkerboard(pattern) if pattern.of_kind.crossing else self._lone_squares(pattern)
         except cv2.error:  # of points on one line, for example
             return None
 
@@ -122,6 +127,16 @@ class _Reader:
                 seen = self._turned(pattern, corners)
                 if seen is not None:
                     return seen
+        return None
+
+    def _lone_squares(self, pattern: BoardPattern) -> Seen | None:
+        for picture in self.pictures:
+            place, corners = read_lone_squares(
+                picture, pattern.columns, pattern.rows, pattern.pitch_mm / pattern.mark_mm
+            )
+            if len(place):
+                board = pattern.points_mm.reshape(-1, CORNERS_A_TAG, 2)[place[:, 1] * pattern.columns + place[:, 0]]
+                return Seen(board.reshape(-1, 2), corners.reshape(-1, 2))
         return None
 
     def _turned(self, pattern: BoardPattern, image: np.ndarray) -> Seen | None:
@@ -197,11 +212,12 @@ def _status(fitted: FittedCorners, sheet: SensorSheet) -> np.ndarray:
     status = np.full(len(fitted.ok), MEASURED, dtype=object)
     with np.errstate(invalid="ignore"):
         usual = [float(np.median(v[fitted.ok])) if fitted.ok.any() else 0.0 for v in (fitted.misfit, fitted.chi2)]
+        worst = max(WORST_MISFIT, WORST_OF_USUAL * min(usual[0], MOST_USUAL))
         disturbed = (fitted.misfit > max(DISTURBED, UNUSUAL * usual[0])) & (
             fitted.chi2 > DISTURBED_CHI2 * max(usual[1], 1.0)
         )
         for bad, why in (
-            (~fitted.ok | (fitted.contrast_dn < 0) | (fitted.misfit > WORST_MISFIT), "not a corner"),
+            (~fitted.ok | (fitted.contrast_dn < 0) | (fitted.misfit > worst), "not a corner"),
             (fitted.white_dn >= NEARLY_FULL * sheet.saturation_dn, "saturated"),
             (disturbed, "partly hidden or disturbed"),
         ):

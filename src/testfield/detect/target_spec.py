@@ -15,6 +15,7 @@ KINDS = {
     "hexcircles:14x24": "a hexagonal grid of circles: in a row, and rows; lengths in mm, as :12:10 from each to its "
     "neighbours, and diameter",
     "checkerboard:9x6": "inner corners of a checkerboard, by OpenCV; to measure with it, its squares in mm, as :25",
+    "squares:8x8:22.6:12.7": "a grid of squares that do not touch: from square to square, and a square's side in mm",
     "charuco:7x5:DICT_4X4_50:30:22": "ChArUco: squares, dictionary, side of a square and of a marker in mm, by OpenCV",
     "aruco:DICT_4X4_50": "ArUco markers, by OpenCV; to measure with them, their side in mm, as :40",
     "aprilgrid:6x6:88:26.4": "Kalibr's AprilGrid: tags in x and y, side of a tag and of a corner square in mm",
@@ -55,6 +56,11 @@ class TargetSpec:
         """Whether the kind says where every point of a board lies, so that it calibrates a camera."""
         return self.kind not in ("ring", "aruco", "apriltag") and self.columns > 0
 
+    @property
+    def upright(self) -> tuple[int, int]:
+        """Columns and rows of a grid that is numbered from what is seen: its columns run along the longer side."""
+        return max(self.columns, self.rows), min(self.columns, self.rows)
+
     def pattern(self, border_cells: int = 2) -> BoardPattern:
         """The print of an AprilGrid."""
         pitch_mm = self.marker_mm + self.square_mm
@@ -77,6 +83,8 @@ def parse_target(text: str, where: str = "--target") -> TargetSpec:
     try:
         if kind == "circles" and not rest:
             return TargetSpec("circles")
+        if kind == "squares" and len(rest) == 3:
+            return _grid(text, where, kind, rest)
         if kind in GRIDS and 1 <= len(rest) <= (2 if kind == "checkerboard" else 3):
             return _grid(text, where, kind, rest)
         if (kind == "charuco" and len(rest) == 4) or (kind == "tags" and len(rest) in (4, 5)):
@@ -120,7 +128,8 @@ def _grid(text: str, where: str, kind: str, rest: list[str]) -> TargetSpec:
     # Dots of the next row of an asymmetric grid are as far as sqrt(2) spacings away.
     nearest = spacing * (2**0.5 if kind == "acircles" else 1.0)
     if len(lengths) == 2 and not lengths[1] < nearest:
-        raise _wrong(text, where, "its dots overlap: spacing and diameter in mm, in this order")
+        marks, width = ("squares", "side") if kind == "squares" else ("dots", "diameter")
+        raise _wrong(text, where, f"its {marks} overlap: spacing and {width} in mm, in this order")
     mark = lengths[1] if len(lengths) == 2 else 0.5 * nearest
     return TargetSpec(kind, 0, *_size(rest[0]), "", spacing, mark, bool(lengths), len(lengths) == 2)
 

@@ -58,7 +58,7 @@ def _read(image: np.ndarray, names: str, border: int, most_px: float) -> tuple[n
     """Numbers (n,), corners (n, 4, 2) and wrong bits (n,) of tags of up to `most_px` a side, some of them twice."""
     side = int(np.sqrt(words_of(names).shape[2])) + 2 * border
     ways = (WINDOWS_PX, THINNED_PX) if np.isinf(most_px) else (DOUBLED_WINDOWS_PX, DOUBLED_THINNED_PX)
-    quads = straightened(image, _quadrangles(image, side, most_px, *ways), side)
+    quads = straightened(image, quadrangles(image, LEAST_CELL_PX * side, most_px, *ways), side)
     height, width = image.shape
     quads = quads[((quads >= 1) & (quads <= [width - 2, height - 2])).all(axis=(1, 2))]
     cells = np.array([_cells(image, quad, side) for quad in quads]).reshape(-1, side, side)
@@ -72,12 +72,16 @@ def _read(image: np.ndarray, names: str, border: int, most_px: float) -> tuple[n
     return number[good], np.array(turned).reshape(-1, CORNERS_A_TAG, 2), wrong[good]
 
 
-def _quadrangles(
-    image: np.ndarray, cells: int, most_px: float, windows_px: tuple[int, ...], thinned_px: tuple[int, ...]
+def quadrangles(
+    image: np.ndarray,
+    least_px: float,
+    most_px: float = np.inf,
+    windows_px: tuple[int, ...] = WINDOWS_PX,
+    thinned_px: tuple[int, ...] = THINNED_PX,
 ) -> np.ndarray:
-    """(n, 4, 2) corners of all dark quadrangles of up to `most_px` a side, clockwise in the image."""
+    """(n, 4, 2) corners of all dark quadrangles of `least_px` to `most_px` a side in an image (h, w) uint8, clockwise
+    in the image; the same one is there once for every window that shows it."""
     found: list[np.ndarray] = []
-    least = LEAST_CELL_PX * cells
     cross = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
     for window in windows_px:
         if window >= min(image.shape):
@@ -87,7 +91,7 @@ def _quadrangles(
         )
         for thinned in thinned_px:
             thin = cv2.erode(dark, cross, iterations=thinned)
-            found += _parts(thin, thinned, least, most_px)
+            found += _parts(thin, thinned, least_px, most_px)
     return np.array(found).reshape(-1, CORNERS_A_TAG, 2)
 
 

@@ -63,7 +63,7 @@ def read_observed(
 
 def _place(target: TargetSpec, point: np.ndarray, table: Path) -> np.ndarray:
     """(n, 2) column and row of points of a board, -1 on a board of tags."""
-    if target.kind in ("tags", "aprilgrid"):
+    if target.kind in ("tags", "aprilgrid", "squares"):
         return np.full((len(point), 2), -1)
     shown = board_pattern(target)
     columns = shown.columns - int(shown.has_corners)

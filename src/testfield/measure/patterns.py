@@ -166,12 +166,14 @@ def board_pattern(target: TargetSpec, mark_mm: float | None = None, turned: bool
     if target.kind == "checkerboard":
         return BoardPattern("checkerboard", columns + 1, rows + 1, target.square_mm)
     if target.kind in ("circles", "acircles", "hexcircles"):
-        if target.kind == "circles":  # as `order_grid` counts them: the columns run along the longer side
-            columns, rows = max(columns, rows), min(columns, rows)
+        if target.kind == "circles":
+            columns, rows = target.upright
         diameter = target.marker_mm if mark_mm is None else mark_mm
         return BoardPattern(target.kind, columns, rows, target.square_mm, diameter)
     if target.kind == "aprilgrid":
         return target.pattern()
+    if target.kind == "squares":
+        return BoardPattern(target.kind, *target.upright, target.square_mm, target.marker_mm)
     names = {name.upper(): name for name in dictionaries()}[target.dictionary.upper()]
     return BoardPattern(target.kind, columns, rows, target.square_mm, target.marker_mm, names, target.first)
 
@@ -182,7 +184,7 @@ def _numbered(
     """What the board shows, and (n,) which of its points the observations `here` (n,) are, -1 for none."""
     target = pattern.target
     notes: list[str] = []
-    if target.kind in ("tags", "aprilgrid"):
+    if target.kind in ("tags", "aprilgrid", "squares"):
         return board_pattern(target), np.where(here, o.point, -1), notes
     images = [np.flatnonzero(here & (o.station == s)) for s in range(len(o.stations))]
     images = [rows for rows in images if len(rows)]

@@ -251,8 +251,28 @@ class CirclesPart(Part):
 
     @model_validator(mode="after")
     def _longer_than_high(self) -> "CirclesPart":
-        if self.columns <= self.rows:
-            raise ValueError(f"columns ({self.columns}) must exceed rows ({self.rows}): they tell x from y")
+        _wider_than_high(self.columns, self.rows)
+        return self
+
+
+class SquaresPart(Part):
+    """A grid of squares that do not touch. It looks the same upside down, so cameras must see it more or less
+    upright."""
+
+    kind: Literal["squares"] = Field(description="A grid of squares that do not touch.")
+    columns: int = Field(ge=2, le=100, description="Squares in x, more than rows.")
+    rows: int = Field(ge=2, le=100, description="Squares in y.")
+    square_mm: PositiveFloat = Field(description="Side of a square.")
+    gap_mm: PositiveFloat = Field(description="White between neighbouring squares.")
+
+    @property
+    def pattern(self) -> BoardPattern:
+        """What is printed."""
+        return BoardPattern(self.kind, self.columns, self.rows, self.square_mm + self.gap_mm, self.square_mm)
+
+    @model_validator(mode="after")
+    def _longer_than_high(self) -> "SquaresPart":
+        _wider_than_high(self.columns, self.rows)
         return self
 
 
@@ -285,9 +305,15 @@ PatternPart = Annotated[
     | CCTagPart
     | RuneTagPart
     | CirclesPart
+    | SquaresPart
     | AsymmetricCirclesPart,
     Field(discriminator="kind"),
 ]
+
+
+def _wider_than_high(columns: int, rows: int) -> None:
+    if columns <= rows:
+        raise ValueError(f"columns ({columns}) must exceed rows ({rows}): they tell x from y")
 
 
 def _enough_tags(pattern: BoardPattern) -> None:
