@@ -12,6 +12,10 @@ from testfield.targets.board_pattern import CORNERS_A_TAG, SIDES
 LEAST_SIDE_PX = 5.0
 SAME = 0.6
 """Two quadrangles are one where their middles are nearer than this part of the larger one's side."""
+FEWEST = 4
+LOOKED_AT, MISS = 4, 0.25
+"""Of so many squares near where one has its neighbour one may be it; how far off it may be, in spacings."""
+STEPS = ((1, 0), (0, 1), (-1, 0), (0, -1))
 BESIDE, BESIDE_PX = 0.08, 1.5
 """How far within and beyond a side black and white are looked at: parts of the side, and px at least."""
 ALONG = np.linspace(0.15, 0.85, 16)
