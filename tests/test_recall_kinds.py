@@ -1,11 +1,14 @@
 """The curves of every kind of target: what is drawn is found where it is drawn, and only what is there counts."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from testfield.bench.drawn_boards import View, clutter
 from testfield.bench.public_detectors import of_kind
 from testfield.bench.recall_kinds import KINDS, OURS, Kind, behind, drawn, lines, ours, scored
+from testfield.bench.recall_page import write_page
 from testfield.detect.target_spec import parse_target
 
 
@@ -40,3 +43,15 @@ def test_who_finds_more_is_said_unless_its_false_finds_are_more() -> None:
     assert not behind([rows[0], rows[1] | {"false": 1}])
     assert any("67 %" in line for line in lines(rows))
     assert np.all([len(kind.steps_px) == 5 for kind in KINDS])
+
+
+def test_the_page_draws_every_detector_and_names_where_ours_is_behind(tmp_path: Path) -> None:
+    row = {"kind": "AprilTag", "factor": "snr", "there": 12, "wrong": 0, "false": 0, "empty": 1}
+    rows = [
+        row | {"value": v, "detector": name, "found": found}
+        for name, found in ((OURS, 8), ("other", 9))
+        for v in (5.0, 60.0)
+    ]
+    page = write_page({"rows": rows, "behind": behind(rows)}, tmp_path).read_text()
+    assert page.count("other finds 9, we 8 of 12") == 2
+    assert "<svg" in page and (tmp_path / "recall_kinds.png").stat().st_size > 5000

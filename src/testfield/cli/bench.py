@@ -39,6 +39,8 @@ def add(commands: Any) -> None:
         action="store_true",
         help="every kind of target over size, tilt, noise and blur, beside public detectors of its kind",
     )
+    one.add_argument("--pictures", type=int, metavar="N", help="of --kinds, pictures a step (default: 4; quick: 1)")
+    one.add_argument("--out", type=Path, metavar="FOLDER", help="of --kinds, where a page of curves goes")
 
     one = _tool(tools, "adjust", _adjust, "the bundle against Ceres, COLMAP and OpenCV, and how its time grows")
     one.add_argument("--quick", action="store_true", help="small networks only: half a minute's worth")
@@ -316,7 +318,16 @@ def _recall(args: argparse.Namespace) -> int:
     if args.kinds:
         from testfield.bench.recall_kinds import figures_of, said
 
-        return _say(args, figures_of(*((1, 4) if args.quick else (4, 20)), args.quick, _tell), said)
+        pictures, empty = (1, 4) if args.quick else (4, 20)
+        if args.pictures is not None:
+            _at_least(1, args.pictures, "--pictures")
+            pictures = args.pictures
+        figures = figures_of(pictures, empty, args.quick, _tell)
+        if args.out is not None:
+            from testfield.bench.recall_page import write_page
+
+            _tell(f"page: {write_page(figures, args.out)}")
+        return _say(args, figures, said)
     targets, empty = (min(args.targets, 1000), min(args.empty, 5)) if args.quick else (args.targets, args.empty)
     figures = bench_recall(targets, empty, _tell)
     if args.json:

@@ -2,6 +2,7 @@
 
 from functools import partial
 
+import cv2
 import numpy as np
 
 from testfield.detect.by_place import by_place
@@ -14,6 +15,11 @@ RMS_PART, WORST_PX, WORST_PART, NOISE_PX = 0.045, 0.03, 0.1, 0.5
 contrast. Blur makes a square of a few pixels so round that its edge is off by little more."""
 ROUGHLY = 2.5
 """Before the fit the ellipse is a rough one, and all four may be so many times larger."""
+CAUGHT = 0.85
+"""Part of a dot's contrast by which its image must fall along the rays: of a wider edge the ends are cut off, what is
+left is noise more than fall, and where it lies is the middle of the ray whatever the dot's shape."""
+FOOTS = 1.15, 1.3, 1.5
+"""Where the ground is looked for, in dot radii: nearest to the dot where another one is beside it."""
 RAYS, STEPS = 36, 33
 BEGIN, END = 0.5, 1.5
 """Where a ray looks for the edge, in dot radii."""
@@ -35,6 +41,27 @@ def is_elliptic(
         good[good] = (rms < slack * (RMS_PART * radius + chance)) & (
             worst < slack * (WORST_PX + WORST_PART * radius + 3 * chance)
         )
+    return good
+
+
+def has_contour(
+    image_dn: np.ndarray, xy_px: np.ndarray, moments_px2: np.ndarray, contrast_dn: np.ndarray
+) -> np.ndarray:
+    """(n,) whether the edges of dots of these contrasts (n,) are narrow enough for `is_elliptic` to tell their shape;
+    rows that are not finite have none."""
+    good = np.isfinite(xy_px).all(axis=1) & np.isfinite(moments_px2).all(axis=(1, 2)) & (contrast_dn > 0)
+    angle = 2 * np.pi * np.arange(RAYS) / RAYS
+    ends = np.array([BEGIN, *FOOTS])[:, None, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+    image, rows = np.ascontiguousarray(image_dn, np.float32), np.flatnonzero(good)
+    for some in np.array_split(rows, len(rows) // 30_000 + 1):  # OpenCV counts rows in 16 bits
+        if not len(some):
+            continue
+        around = ends.reshape(-1, 2) @ np.swapaxes(half_axes_of(moments_px2[some]), 1, 2)
+        at = (xy_px[some, None] + around).astype(np.float32)
+        value = cv2.remap(image, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        level = value.reshape(len(some), -1, RAYS)
+        fall = (level[:, 0] - level[:, 1:].min(axis=1)).mean(axis=1)
+        good[some] = fall > CAUGHT * contrast_dn[some]
     return good
 
 

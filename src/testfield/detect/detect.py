@@ -14,7 +14,7 @@ from testfield.detect.bright import bright_marks
 from testfield.detect.centre import RING_BEGINS, Centres
 from testfield.detect.centre_ring import Rings
 from testfield.detect.circle_boards import name_circles
-from testfield.detect.contour import ROUGHLY, is_elliptic
+from testfield.detect.contour import ROUGHLY, has_contour, is_elliptic
 from testfield.detect.decode import CROWDED, CUT, PLAIN, UNREADABLE, decode
 from testfield.detect.find import find_blobs
 from testfield.detect.identify import identify
@@ -167,10 +167,14 @@ def measure_targets(
         noise = np.sqrt(sheet.variance_dn2(centres.background_dn + centres.contrast_dn / 2))
         if by_contour:
             not_elliptic = ~is_elliptic(image, centres.xy_px, centres.moments_px2, noise / centres.contrast_dn)
+            # Of an edge as wide as the dot only the pixels tell, and the company.
+            wide = not_elliptic & ~has_contour(image, centres.xy_px, centres.moments_px2, centres.contrast_dn)
+            not_elliptic &= ~wide
             worst = np.interp(diameters(centres.moments_px2) / 2, *WORST_UNEVEN)
             hollow = ~not_elliptic & (centres.misfit > worst) & (centres.chi2 > CERTAIN_CHI2)
         else:
-            not_elliptic, hollow = centres.misfit > WORST_MISFIT, np.zeros(n, bool)
+            not_elliptic = centres.misfit > WORST_MISFIT
+            hollow = wide = np.zeros(n, bool)
         diameter = diameters(centres.moments_px2)
         for bad, why in (
             (cut, "cut by the image's edge"),
@@ -223,6 +227,7 @@ def measure_targets(
     if by_contour:
         asked = np.flatnonzero(good & (code >= 0))
         form = shapes(image, sheet, centres.xy_px[asked], centres.moments_px2[asked])
+        form[wide[asked] & (form == DISC)] = UNTOLD
         status[asked[form == POLYGON]], code[asked[form == POLYGON]] = "a polygon", CROWDED
         dots, plain = status == MEASURED, code[asked] == PLAIN
         dots[asked] &= plain & ((form == DISC) | (form == UNTOLD))

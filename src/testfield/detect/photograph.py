@@ -7,12 +7,11 @@ import numpy as np
 
 from testfield.camera.images import InvertedSheet
 from testfield.camera.photograph import Photograph
-from testfield.detect.circle_grid import order_grid
 from testfield.detect.crown_boards import observed
 from testfield.detect.crowns import read_crowns
 from testfield.detect.eight_bits import pictures
 from testfield.detect.every_dot import measured
-from testfield.detect.hexagonal_grid import order_hexagonal
+from testfield.detect.grid_places import grid_places
 from testfield.detect.hints import exposure, of_boards, of_dots, of_grids, of_rings
 from testfield.detect.knobs import DEFAULT, Knobs
 from testfield.detect.noise import estimate_sheet
@@ -20,7 +19,6 @@ from testfield.detect.observations import MEASURED, TEXTURE, Observations
 from testfield.detect.opencv_boards import detect_board
 from testfield.detect.photo_corners import measure_read
 from testfield.detect.target_spec import DOTS, TargetSpec
-from testfield.detect.targets import Targets
 from testfield.targets.code_table import CodeTable
 from testfield.targets.marks import USUAL, ring_radii, shape_name
 
@@ -132,7 +130,7 @@ def _dots(
     notes += said
     place = np.full((len(targets.code), 2), -1)
     if target.kind in DOTS:
-        place = _grid_places(targets, target)
+        place = grid_places(targets, target, (image.shape[1], image.shape[0]))
         if target.columns and not (place >= 0).any():
             notes.append(f"no grid of {target.columns} x {target.rows} dots, or one that is part of a larger grid")
             notes += of_grids(targets.observations(photograph.name, place[:, 0], place[:, 0]), target)
@@ -150,15 +148,6 @@ def _dots(
     columns = place[:, 0].max(initial=-1) + 1
     point = np.where(place[:, 0] >= 0, place[:, 1] * columns + place[:, 0], -1)
     return Found(targets.observations(photograph.name, none, point), place, tuple(notes), targets.passed_over)
-
-
-def _grid_places(targets: Targets, target: TargetSpec) -> np.ndarray:
-    good = targets.status == MEASURED
-    place = np.full((len(good), 2), -1)
-    diameter = 4 * np.linalg.det(targets.moments_px2[good]) ** 0.25
-    order = order_hexagonal if target.kind == "hexcircles" else order_grid
-    place[good] = order(targets.xy_px[good], diameter, target.columns, target.rows)
-    return place
 
 
 def _of_crowns(photograph: Photograph, target: TargetSpec) -> Found:

@@ -1,4 +1,5 @@
-"""Dots of a few pixels: fitted by the forward model, and believed to be dots where they are alike in company.
+"""Dots of a few pixels, or blurred all over: fitted by the forward model, and believed to be dots where they are alike
+in company.
 
 A few pixels do not tell a disc from a square. Many that are alike side by side are a pattern of targets nevertheless:
 strokes of letters, texture and dirt have other sizes, shapes or levels than what lies beside them.
@@ -9,6 +10,7 @@ from scipy.spatial import cKDTree
 
 from testfield.camera.images import SensorSheet
 from testfield.detect.centre import Centres
+from testfield.detect.contour import has_contour
 from testfield.detect.knobs import ALIKE, ALL, NONE
 from testfield.detect.observations import diameters
 from testfield.registry import find
@@ -38,6 +40,8 @@ def fit_small(
     """Put into `centres` of dots at rough places (n, 2) with rough moments (n, 2, 2) and contrasts (n,) what the
     forward model finds of those that are small and in company; `unclear` as `UNCLEAR` of `knobs.py`."""
     small = diameters(moments_px2) < np.where(centres.ok, EVERY_PX, FAILED_PX)
+    # Where the edge is as wide as the dot, its distance says nothing: simpler ellipses are a tenth too small.
+    small |= centres.ok & ~has_contour(image_dn, centres.xy_px, centres.moments_px2, centres.contrast_dn)
     # What is small and alone would not be told from a square anyway, and texture is full of it.
     if unclear != ALL:
         small = in_company(xy_px, moments_px2, contrast_dn, np.ones(len(xy_px), bool), small, ROUGH_SIZE)
