@@ -139,7 +139,8 @@ def _grid(
         notes.append(
             f"the sheet's marks lie off their places by {spread[0]:.2g} mm along rows, {spread[1]:.2g} mm along "
             f"columns and {spread[2]:.2g} mm in height (standard deviations, the same in all images, known to "
-            f"{np.linalg.norm(shape.u_mm) / np.sqrt(3):.2g} mm): the twin has each of them"
+            f"{np.linalg.norm(shape.u_mm) / np.sqrt(3):.2g} mm): the twin has each of them; to measure with such a "
+            f"sheet, say u_mm = {np.hypot(spread[0], spread[1]) / np.sqrt(2):.2g} and u_flat_mm = {spread[2]:.2g} in [grid]"
         )
         notes.append(
             f"with that taken out an image coordinate scatters by {shape.scatter_px:.2g} px; what noise does not "
