@@ -136,11 +136,12 @@ def _grid(
         board["marks_off_mm"] = [_plain(one) for one in (shape.off_mm @ R)[cKDTree(nominal).query(here)[1]]]
         board["print_sigma_mm"] = 0.0
         spread = shape.off_mm.std(axis=0)
+        in_plane = np.hypot(spread[0], spread[1]) / np.sqrt(2)
         notes.append(
             f"the sheet's marks lie off their places by {spread[0]:.2g} mm along rows, {spread[1]:.2g} mm along "
             f"columns and {spread[2]:.2g} mm in height (standard deviations, the same in all images, known to "
             f"{np.linalg.norm(shape.u_mm) / np.sqrt(3):.2g} mm): the twin has each of them; to measure with such a "
-            f"sheet, say u_mm = {np.hypot(spread[0], spread[1]) / np.sqrt(2):.2g} and u_flat_mm = {spread[2]:.2g} in [grid]"
+            f"sheet, say u_mm = {in_plane:.2g} and u_flat_mm = {spread[2]:.2g} in [grid]"
         )
         notes.append(
             f"with that taken out an image coordinate scatters by {shape.scatter_px:.2g} px; what noise does not "
