@@ -14,6 +14,7 @@ from scipy.optimize import least_squares
 from scipy.spatial import cKDTree
 
 from testfield.camera.rough_lens import RoughLens
+from testfield.store.remembered import remembered
 
 MISPLACED = 0.3
 """Part of the distance to the nearest mark by which a mark may miss its place: an exchanged number is off by all of it,
@@ -91,6 +92,7 @@ def rough_lens(views: list[View], middle_px: np.ndarray) -> RoughLens:
     return lens if least < HALVED**2 * at_zero else pinhole
 
 
+@remembered
 def _refined(lens: RoughLens, views: list[View]) -> RoughLens:
     """The lens with all its terms fitted to views of which every point is believed."""
     views = [view for view in views if len(view[0]) >= LEAST]
@@ -111,6 +113,7 @@ def _refined(lens: RoughLens, views: list[View]) -> RoughLens:
     return replace(lens, terms=found.x) if better else lens
 
 
+@remembered
 def fit_plane(view: View, lens: RoughLens) -> tuple[PlaneImage | None, np.ndarray]:
     """The image of a plane, and which of its points (n,) are where the others say. None, and no point, where the points
     lie on a line or most of them contradict each other."""
@@ -138,6 +141,7 @@ def fitted_to(view: View, lens: RoughLens) -> PlaneImage | None:
     return _least_squares(*view, lens)
 
 
+@remembered
 def _fitted(view: View, lens: RoughLens) -> tuple[PlaneImage | None, np.ndarray]:
     """The model that most points agree with, and (n,) how far each is from its place, in units of what is allowed."""
     plane, image = view
