@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,6 +10,8 @@ from conftest import IN_FULL, SCENES
 from several_cameras import drawn, fewer
 
 from testfield.calibrate.calibration import Calibration
+from testfield.calibrate.settle import _lost_image, settled
+from testfield.calibrate.settled import Settled
 from testfield.chain.recipe import recipe_of
 from testfield.chain.truth import Truth
 from testfield.detect.observations import Observations
@@ -59,6 +62,34 @@ def test_a_rig_shares_one_place_among_its_cameras(stereo: tuple, measured: Measu
     apart = measure(stereo[2], stereo[1].told, free).calibration
     other = apart.stations[np.array(right)].after(apart.stations[np.array(left)].inverse())
     assert np.ptp(other.t_mm, axis=0).max() > 1e-3 and not apart.rigs
+
+
+def test_an_image_of_which_nothing_is_left_is_not_lost_again() -> None:
+    seen = SimpleNamespace(image=np.repeat([0, 1, 3], 10))  # image 2 was left out, and its rig keeps its place
+    start, none = SimpleNamespace(stations=("a", "b", "c", "d"), network=seen), np.zeros(30, bool)
+    assert _lost_image(start, np.arange(30), none, seen) is None  # type: ignore[arg-type]
+    contradicts = np.arange(30) >= 22
+    assert _lost_image(start, np.arange(30), contradicts, seen) == 3  # type: ignore[arg-type]
+
+
+@pytest.mark.slow
+def test_an_image_that_contradicts_its_rig_is_left_out_once(stereo: tuple, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene, truth, observations = stereo
+    wrong = next(k for k, name in enumerate(observations.stations) if name.endswith("-right"))
+    shown, lost = observations.xy_px.copy(), []
+    shown[observations.station == wrong] += [150.0, -90.0]  # taken at another moment than the left one
+
+    def once(*args: object) -> Settled:
+        found = settled(*args)  # type: ignore[arg-type]
+        assert found.lost is None or found.lost not in lost
+        lost.append(found.lost)
+        return found
+
+    monkeypatch.setattr("testfield.calibrate.finish.settled", once)
+    found = measure(replace(observations, xy_px=shown), truth.told, recipe_of(scene)).calibration
+    assert lost[0] is not None
+    assert lost[-1] is None
+    assert score_cameras(truth.cameras, found)["corner_error_px"] < 0.1
 
 
 def test_a_rig_that_is_held_makes_the_cameras_better(stereo: tuple, measured: Measured) -> None:

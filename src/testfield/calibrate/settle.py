@@ -218,7 +218,8 @@ def _lost_image(start: Start, left: np.ndarray, bad: np.ndarray, network: Networ
         return None
     whole = np.bincount(start.network.image, minlength=images)
     kept = np.bincount(network.image[~bad], minlength=images)
-    share = 1 - kept / np.maximum(whole, 1)
+    # In a rig an image of which nothing is left keeps its place.
+    share = np.where(whole > 0, 1 - kept / np.maximum(whole, 1), 0.0)
     worst = int(np.argmax(share))
     others = np.delete(np.arange(images), worst)
     rate = 1 - kept[others].sum() / max(whole[others].sum(), 1)
