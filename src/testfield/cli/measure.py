@@ -31,7 +31,8 @@ def add(commands: Any) -> None:
         help="the targets, of which nothing is certified: ring14, cctag:3, aruco:DICT_4X4_50:40 or "
         "apriltag:36h11:40 (single tags and their side in mm), or a board, its lengths in mm: "
         "checkerboard:9x6:25, charuco:7x5:DICT_4X4_50:30:22, circles:10x8:25:15, acircles:4x11:20:12, "
-        "hexcircles:14x24:12:10, tags:5x7:DICT_6X6_50:30:24, squares:8x8:22.6:12.7, aprilgrid:6x6:88:26.4",
+        "hexcircles:14x24:12:10, tags:5x7:DICT_6X6_50:30:24, squares:8x8:22.6:12.7, "
+        "aprilgrid:6x6:88:26.4, runetag:1234:160",
     )
     p.add_argument(
         "--observations", type=Path, metavar="FILE", help="what `testfield detect` wrote (or its folder), not images"
@@ -170,7 +171,7 @@ def idle_of(args: argparse.Namespace, target: Any, patterns: tuple) -> tuple[str
         return "observations that are there", dots | {"bayer": None}
     kinds = {one.target.kind for one in patterns} | {target.kind}
     idle: dict[str, Any] = {"size_px": None}
-    if not kinds & {"ring", "circles", "hexcircles"}:
+    if not kinds & {"ring", "circles", "hexcircles", "runetag"}:
         idle |= OF_DOTS if "acircles" in kinds else dots
     if patterns:
         idle["focal_px"] = None

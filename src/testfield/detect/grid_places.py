@@ -12,6 +12,7 @@ from testfield.camera.plane_image import as_others_say
 from testfield.detect.circle_grid import order_grid
 from testfield.detect.hexagonal_grid import order_hexagonal
 from testfield.detect.observations import MEASURED, READ, diameters
+from testfield.detect.rune_dots import name_rune
 from testfield.detect.target_spec import TargetSpec
 from testfield.detect.targets import Targets
 from testfield.targets.kinds.hexcircles import row_shifts
@@ -33,6 +34,8 @@ def grid_places(targets: Targets, target: TargetSpec, size_px: tuple[int, int]) 
     """(n, 2) column and row of the targets in a grid, -1 for none, in an image of a width and height; changes
     `targets.status` of those that their places tell."""
     good = targets.status == MEASURED
+    if target.kind == "runetag":
+        return _in_tag(targets, target, good)
     place = _ordered(targets, target, good)
     whole = target.columns * target.rows
     status = targets.status.astype(str)
@@ -81,4 +84,13 @@ def _ordered(targets: Targets, target: TargetSpec, among: np.ndarray) -> np.ndar
     order = order_hexagonal if target.kind == "hexcircles" else order_grid
     diameter = diameters(targets.moments_px2[among])
     place[among] = order(targets.xy_px[among], diameter, target.columns, target.rows)
+    return place
+
+
+def _in_tag(targets: Targets, target: TargetSpec, good: np.ndarray) -> np.ndarray:
+    """Dots of a RUNE-Tag as if they stood in one row."""
+    place = np.full((len(good), 2), -1)
+    diameter = 4 * np.linalg.det(targets.moments_px2[good]) ** 0.25
+    number = name_rune(targets.xy_px[good], diameter, target.pattern())
+    place[good] = np.column_stack([number, np.minimum(number, 0)])
     return place

@@ -57,7 +57,9 @@ class Found:
             parts.append(f"{len(self.numbers)} numbers read")
         if (self.place >= 0).any():
             columns, rows = self.place.max(axis=0) + 1
-            parts.append(f"grid of {columns} x {rows}, {int((self.place[:, 0] >= 0).sum())} places filled")
+            parts.append(
+                f"{f'grid of {columns} x {rows}' if rows > 1 else 'in a row or tag'}, {int((self.place[:, 0] >= 0).sum())} places filled"
+            )
         refused = Counter(o.status[o.status != MEASURED].tolist())
         misfit = o.chi2[(o.status == MEASURED) & np.isfinite(o.chi2)]
         if len(misfit):
@@ -131,7 +133,9 @@ def _dots(
     place = np.full((len(targets.code), 2), -1)
     if target.kind in DOTS:
         place = grid_places(targets, target, (image.shape[1], image.shape[0]))
-        if target.columns and not (place >= 0).any():
+        if target.kind == "runetag" and not (place >= 0).any():
+            notes.append(f"no RUNE-Tag of number {target.first} among {int((targets.status == MEASURED).sum())} dots")
+        elif target.columns and not (place >= 0).any():
             notes.append(f"no grid of {target.columns} x {target.rows} dots, or one that is part of a larger grid")
             notes += of_grids(targets.observations(photograph.name, place[:, 0], place[:, 0]), target)
     if targets.left_out:

@@ -7,6 +7,7 @@ from testfield.errors import TestfieldError
 from testfield.targets.board_pattern import BoardPattern
 from testfield.targets.code_table import FEWEST_BITS, MOST_BITS
 from testfield.targets.ring_code import BITS
+from testfield.targets.rune_code import DOT, word_of_rune
 
 KINDS = {
     "ring14": "ring codes of 14 bits and plain dots (also ring8, ring10, ring12, ring16, ring20)",
@@ -19,14 +20,15 @@ KINDS = {
     "charuco:7x5:DICT_4X4_50:30:22": "ChArUco: squares, dictionary, side of a square and of a marker in mm, by OpenCV",
     "aruco:DICT_4X4_50": "ArUco markers, by OpenCV; to measure with them, their side in mm, as :40",
     "aprilgrid:6x6:88:26.4": "Kalibr's AprilGrid: tags in x and y, side of a tag and of a corner square in mm",
+    "runetag:1234:160": "a RUNE-Tag of 129 places: its number, and to measure with it the diameter of its outer circle",
     "cctag:3": "CCTags of 3 crowns, or of 4",
     "apriltag:36h11": "AprilTags, by pupil-apriltags where it is installed, else by OpenCV; their side in mm as :40",
     "tags:5x7:DICT_6X6_50:30:24": "a board of ArUco or AprilTags, row by row: columns, rows, dictionary, from tag to "
     "tag and a tag's side in mm; a last :10 where the first tag is not 0",
 }
 GRIDS = ("circles", "acircles", "hexcircles", "checkerboard")
-DOTS = ("circles", "hexcircles")
-"""Grids that are numbered from the dots that were measured."""
+DOTS = ("circles", "hexcircles", "runetag")
+"""Boards that are numbered from the dots that were measured."""
 
 APRIL_GRID_TAGS = "DICT_APRILTAG_36h11"
 
@@ -62,7 +64,9 @@ class TargetSpec:
         return max(self.columns, self.rows), min(self.columns, self.rows)
 
     def pattern(self, border_cells: int = 2) -> BoardPattern:
-        """The print of an AprilGrid."""
+        """The print of an AprilGrid, or a RUNE-Tag."""
+        if self.kind == "runetag":
+            return BoardPattern("runetag", 1, 1, self.square_mm, self.marker_mm, first_tag=self.first)
         pitch_mm = self.marker_mm + self.square_mm
         tags = self.dictionary, 0, False, border_cells
         return BoardPattern(self.kind, self.columns, self.rows, pitch_mm, self.marker_mm, *tags)
@@ -100,6 +104,8 @@ def parse_target(text: str, where: str = "--target") -> TargetSpec:
             if not 0 < square < marker < float("inf"):
                 raise _wrong(text, where, "a corner square is smaller than its tag, and both have a size")
             return TargetSpec(kind, 0, *_size(rest[0]), APRIL_GRID_TAGS, square, marker, True, True)
+        if kind == "runetag" and len(rest) in (1, 2):
+            return _rune(text, where, int(rest[0]), float(rest[1]) if len(rest) == 2 else None)
         if kind == "cctag" and len(rest) == 1:
             if rest[0] not in ("3", "4"):
                 raise _wrong(text, where, "CCTags have 3 or 4 crowns")
@@ -132,6 +138,15 @@ def _grid(text: str, where: str, kind: str, rest: list[str]) -> TargetSpec:
         raise _wrong(text, where, f"its {marks} overlap: spacing and {width} in mm, in this order")
     mark = lengths[1] if len(lengths) == 2 else 0.5 * nearest
     return TargetSpec(kind, 0, *_size(rest[0]), "", spacing, mark, bool(lengths), len(lengths) == 2)
+
+
+def _rune(text: str, where: str, number: int, diameter_mm: float | None) -> TargetSpec:
+    word_of_rune(number)
+    size = 1.0 if diameter_mm is None else diameter_mm
+    if not 0 < size < float("inf"):
+        raise _wrong(text, where, "a tag's diameter is in mm, above 0")
+    told = diameter_mm is not None
+    return TargetSpec("runetag", 0, 1, 1, "", size, DOT * size, told, told, number)
 
 
 def _size(text: str) -> tuple[int, int]:

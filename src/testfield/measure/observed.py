@@ -66,6 +66,8 @@ def _place(target: TargetSpec, point: np.ndarray, table: Path) -> np.ndarray:
     if target.kind in ("tags", "aprilgrid", "squares"):
         return np.full((len(point), 2), -1)
     shown = board_pattern(target)
+    if target.kind == "runetag":
+        return np.column_stack([point, np.zeros_like(point)])
     columns = shown.columns - int(shown.has_corners)
     if point.max(initial=0) >= len(shown.points_mm):
         raise TestfieldError(

@@ -170,7 +170,7 @@ def board_pattern(target: TargetSpec, mark_mm: float | None = None, turned: bool
             columns, rows = target.upright
         diameter = target.marker_mm if mark_mm is None else mark_mm
         return BoardPattern(target.kind, columns, rows, target.square_mm, diameter)
-    if target.kind == "aprilgrid":
+    if target.kind in ("aprilgrid", "runetag"):
         return target.pattern()
     if target.kind == "squares":
         return BoardPattern(target.kind, *target.upright, target.square_mm, target.marker_mm)
@@ -186,6 +186,8 @@ def _numbered(
     notes: list[str] = []
     if target.kind in ("tags", "aprilgrid", "squares"):
         return board_pattern(target), np.where(here, o.point, -1), notes
+    if target.kind == "runetag":
+        return board_pattern(target), np.where(here, place[:, 0], -1), notes
     images = [np.flatnonzero(here & (o.station == s)) for s in range(len(o.stations))]
     images = [rows for rows in images if len(rows)]
     shown = board_pattern(target)

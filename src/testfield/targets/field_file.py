@@ -219,7 +219,9 @@ class FieldFile(_Part):
         if self.patterns:
             return self.patterns
         kind = self.target.kind.strip()
-        if kind.startswith(("checkerboard", "charuco", "acircles", "hexcircles", "tags", "aprilgrid", "squares")):
+        if kind.startswith(
+            ("checkerboard", "charuco", "acircles", "hexcircles", "tags", "aprilgrid", "squares", "runetag")
+        ):
             return (PatternPart(kind=kind),)
         if self.grid is None and self.target.diameter_mm is None and kind.startswith("circles:"):
             return (PatternPart(kind=kind),)
