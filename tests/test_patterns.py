@@ -34,6 +34,7 @@ KINDS = (
     "circles:8x6:25:14",
     "acircles:4x9:22:18",
     "hexcircles:6x7:26:15",
+    "runetag:3505:160",
 )
 TILTS = [(0.15, -0.12), (0.6, 0.1), (-0.55, 0.2), (0.1, 0.6), (-0.1, -0.6), (0.45, -0.45), (-0.4, -0.4)]
 TURNS = [-0.15, 0.2, -0.3, 0.4, -0.2, 0.1, 0.25]
@@ -54,6 +55,9 @@ def black_at(pattern: BoardPattern, xy_mm: np.ndarray) -> np.ndarray:
     """(...) whether places (..., 2) of the board are black."""
     if pattern.has_corners:
         return pattern.cells.at(xy_mm)
+    if pattern.kind == "runetag":
+        dots = zip(pattern.points_mm, pattern.diameters_mm, strict=True)
+        return np.any([((xy_mm - middle) ** 2).sum(axis=-1) < (size / 2) ** 2 for middle, size in dots], axis=0)
     # Distances of dots in a row, of every other row's shift, and of rows, in spacings.
     wide, half, down = {"circles": (1, 0, 1), "acircles": (2, 1, 1), "hexcircles": (1, 0.5, 0.75**0.5)}[pattern.kind]
     x, y = ((xy_mm - pattern.points_mm[0]) * [1, -1] / pattern.pitch_mm).transpose(2, 0, 1)
@@ -105,7 +109,7 @@ def off(folder: Path) -> tuple[float, np.ndarray]:
     return float(error @ np.linalg.solve(cov, error)), np.sqrt(np.diag(cov))
 
 
-SLOW = ("tags", "aprilgrid", "circles")
+SLOW = ("tags", "aprilgrid", "circles", "runetag")
 """Kinds of which the parts are tested elsewhere, too."""
 
 

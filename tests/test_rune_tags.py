@@ -5,7 +5,10 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
+from testfield.camera.photograph import Photograph
+from testfield.detect.photograph import ON_WHITE, detect_in_photograph
 from testfield.detect.rune_dots import name_rune
+from testfield.detect.target_spec import parse_target
 from testfield.scene.board_parts import RuneTagPart
 from testfield.targets.board_pattern import BoardPattern
 from testfield.targets.rune_code import (
@@ -154,3 +157,22 @@ def test_a_number_that_is_none_is_refused_in_a_sentence() -> None:
     missing = int(np.setdiff1d(np.arange(2000), rune_code().number)[0])
     with pytest.raises(ValueError, match="no RUNE-Tag of number"):
         RuneTagPart(kind="runetag", diameter_mm=190, number=missing)
+
+
+def test_a_photograph_shows_a_tag_by_its_number_and_no_other() -> None:
+    H, image = homography(25, 40, 330.0), np.full((1000, 1000), 200, np.uint8)
+    points, size = tag(3505).points_mm, tag(3505).diameters_mm
+    angle = np.linspace(0, 2 * np.pi, 48, endpoint=False)
+    for middle, diameter in zip(points, size, strict=True):
+        circle = middle + diameter / 2 * np.column_stack([np.cos(angle), np.sin(angle)])
+        edge = cv2.perspectiveTransform(circle[None], H)[0]
+        cv2.fillPoly(image, [np.rint(edge * 16).astype(np.int32)], 20, cv2.LINE_AA, 4)
+    image = image[200:800, 200:800].astype(np.float32)
+    shown = Photograph("drawn", image + np.random.default_rng(0).normal(0, 1, image.shape).astype(np.float32), 8, ())
+    found = detect_in_photograph(shown, parse_target("runetag:3505"), polarity=ON_WHITE)
+    named = found.observations.point >= 0
+    assert named.sum() > 0.9 * len(points)
+    true = cv2.perspectiveTransform(points[None], H)[0] - 200
+    assert np.linalg.norm(found.observations.xy_px - true[found.observations.point], axis=1)[named].max() < 0.5
+    other = int(rune_code().number[7])
+    assert (detect_in_photograph(shown, parse_target(f"runetag:{other}"), polarity=ON_WHITE).place < 0).all()

@@ -57,9 +57,8 @@ class Found:
             parts.append(f"{len(self.numbers)} numbers read")
         if (self.place >= 0).any():
             columns, rows = self.place.max(axis=0) + 1
-            parts.append(
-                f"{f'grid of {columns} x {rows}' if rows > 1 else 'in a row or tag'}, {int((self.place[:, 0] >= 0).sum())} places filled"
-            )
+            shown = f"grid of {columns} x {rows}" if rows > 1 else "in one tag"
+            parts.append(f"{shown}, {int((self.place[:, 0] >= 0).sum())} places filled")
         refused = Counter(o.status[o.status != MEASURED].tolist())
         misfit = o.chi2[(o.status == MEASURED) & np.isfinite(o.chi2)]
         if len(misfit):
