@@ -214,3 +214,23 @@ def test_pages_are_utf_8_in_a_locale_that_is_not(tiny: Run, tmp_path: Path) -> N
     done = subprocess.run(command, env=around, capture_output=True, check=False)
     assert done.returncode == 0, done.stderr
     assert not (folder / "report.html").read_bytes().decode("utf-8").isascii()
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["measure", "x", "--hold", "k3", "--hold", "p1"],
+        ["run", "quick", "--out", "k3", "--out", "p1"],
+        ["bench", "plan", "--scenes", "k3", "--scenes", "p1"],
+    ],
+)
+def test_an_option_given_twice_is_refused_with_both_its_values(
+    words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(words)
+    assert ended.value.code == 2
+    said = capsys.readouterr().err
+    assert words[-2] in said
+    assert "k3" in said
+    assert "p1" in said

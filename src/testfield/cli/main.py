@@ -8,6 +8,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from testfield.cli.once import Command
 from testfield.errors import TestfieldError, faults_in
 from testfield.registry import load_file
 from testfield.store.disk import spoken
@@ -68,7 +69,7 @@ class Overview(argparse.ArgumentParser):
         super().__init__(prog="testfield", description=DESCRIPTION)
         self.add_argument("--version", action="version", version=f"testfield {__version__}")
         self.commands = Commands(
-            self.add_subparsers(dest="command", metavar="COMMAND", parser_class=argparse.ArgumentParser)
+            self.add_subparsers(dest="command", metavar="COMMAND", parser_class=Command)
         )
 
     def format_help(self) -> str:

@@ -1,0 +1,35 @@
+"""Parsers of commands that refuse an option given twice, where Python's own let the last one win in silence."""
+
+import argparse
+from collections.abc import Sequence
+from typing import Any
+
+
+class Command(argparse.ArgumentParser):
+    """A parser of one command; those of its tools are alike."""
+
+    def __init__(self, *args: Any, **options: Any) -> None:
+        super().__init__(*args, **options)
+        self.register("action", None, _Once)
+        self.register("action", "store", _Once)
+
+
+class _Once(argparse._StoreAction):
+    """Keeps a value, and refuses another."""
+
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: str | Sequence[Any] | None,
+        option_string: str | None = None,
+    ) -> None:
+        """Keep `values`. Ends the program with status 2 where the option had some before."""
+        before = getattr(namespace, self.dest, self.default)
+        if option_string is not None and before is not self.default:
+            parser.error(f"{option_string} is given twice, {_said(before)} and {_said(values)}: give it once")
+        super().__call__(parser, namespace, values, option_string)
+
+
+def _said(value: Any) -> str:
+    return " ".join(map(str, value)) if isinstance(value, list) else f"'{value}'"
