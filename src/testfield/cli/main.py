@@ -68,9 +68,7 @@ class Overview(argparse.ArgumentParser):
     def __init__(self) -> None:
         super().__init__(prog="testfield", description=DESCRIPTION)
         self.add_argument("--version", action="version", version=f"testfield {__version__}")
-        self.commands = Commands(
-            self.add_subparsers(dest="command", metavar="COMMAND", parser_class=Command)
-        )
+        self.commands = Commands(self.add_subparsers(dest="command", metavar="COMMAND", parser_class=Command))
 
     def format_help(self) -> str:
         """Usage, commands by group, and options."""
