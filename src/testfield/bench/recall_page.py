@@ -50,7 +50,10 @@ def write_page(figures: dict[str, Any], folder: Path) -> Path:
 def draw(rows: list[dict[str, Any]]) -> tuple[bytes, bytes]:
     """The figure as SVG and PNG: recall in percent over every factor, a row a kind that `rows` tell of."""
     kinds = [kind for kind in KINDS if any(row["kind"] == kind.name for row in rows)]
-    with figure(WIDTH_IN, ROW_IN * len(kinds), len(SERIES), len(kinds), squeeze=False, sharey=True) as (drawing, axes):
+    with figure(WIDTH_IN, ROW_IN * len(kinds) + 0.5, len(SERIES), len(kinds), squeeze=False, sharey=True) as (
+        drawing,
+        axes,
+    ):
         for line, kind in zip(axes, kinds, strict=True):
             mine = [row for row in rows if row["kind"] == kind.name]
             names = list(dict.fromkeys(row["detector"] for row in mine))
@@ -64,7 +67,7 @@ def draw(rows: list[dict[str, Any]]) -> tuple[bytes, bytes]:
                 wrong, false = sum(row["wrong"] for row in own), own[0]["false"]
                 said = f"{name}: {wrong} wrong of {sum(row['there'] for row in own)}, {false} false"
                 column = line[min(k + 1, len(line) - 1)]
-                column.set_title(said, loc="left", fontsize=6.8, color=_style(k)["color"])
+                column.set_title(said, loc="left", fontsize=6.2, color=_style(k)["color"])
         buffer = io.BytesIO()
         drawing.savefig(buffer, format="png", dpi=110)
         return svg_of(drawing), buffer.getvalue()

@@ -10,6 +10,7 @@ a few cells read wrongly would leave, and where no other tag comes near.
 from dataclasses import dataclass
 from functools import cache
 from itertools import product
+from math import comb
 
 import cv2
 import numpy as np
@@ -22,6 +23,9 @@ WRONG_BORDER, WRONG_BITS = 0.03, 2
 two bits of one of 36h11 with a probability of 2e-5."""
 CORRECTED = 0.6
 """Part of the bits that a dictionary's distance allows to correct that may be wrong, as OpenCV's readers have it."""
+BY_CHANCE, LEAST_WRONG = 1e-3, 0.5
+"""With which probability a random word may be a tag's, by which dictionaries of short words allow fewer wrong bits; and
+what noise may leave in any case."""
 ROUNDS = 4
 LEAST_RANGE = 12.0
 """Difference of black and white within a tag below which nothing is read, of 255."""
@@ -66,7 +70,10 @@ def _words(names: str) -> np.ndarray:
 @cache
 def _wrong_bits(names: str) -> float:
     """How many bits of a dictionary's tags may be wrong."""
-    return min(WRONG_BITS, CORRECTED * int(dictionary(names).maxCorrectionBits))
+    turned, count, bits = _words(names).shape
+    tags, near = turned * count / 2.0**bits, np.cumsum([comb(bits, k) for k in range(WRONG_BITS + 1)])
+    seldom = int((tags * near <= BY_CHANCE).sum()) - 1
+    return max(LEAST_WRONG, min(seldom, CORRECTED * int(dictionary(names).maxCorrectionBits)))
 
 
 def _by_level(cells: np.ndarray, words: np.ndarray, border: int, allowed: float) -> tuple[int, int, int] | None:
