@@ -1,5 +1,6 @@
 """Several cameras together against each one alone, on the same images of a run."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -59,3 +60,18 @@ def only(observations: Observations, field: Field, camera: str) -> tuple[Observa
 def _row(name: str, how: str, card: dict[str, Any]) -> dict[str, Any]:
     keys = ("corner_error_px", "imaging_error_px", "imaging_u_px", "interior_anees")
     return {"camera": name, "calibrated": how} | {key: card[key] for key in keys}
+
+
+def lines(figures: dict[str, Any]) -> Iterator[str]:
+    """A table of what `together_and_alone` found, under "cameras"."""
+    titles = f"{'corner, px':>11}{'in images, px':>15}{'stated u':>10}{'NEES':>7}{'RMSE, mm':>10}"
+    yield f"{'camera':<12}{'calibrated':<12}{titles}"
+    for row in figures["cameras"]:
+        head = f"{row['camera']:<12}{row['calibrated']:<12}"
+        if "failed" in row:
+            yield f"{head}  {row['failed']}"
+            continue
+        yield (
+            f"{head}{row['corner_error_px']:>11.4f}{row['imaging_error_px'] or float('nan'):>15.4f}"
+            f"{row['imaging_u_px'] or float('nan'):>10.4f}{row['interior_anees']:>7.2f}{row['rmse_mm']:>10.4f}"
+        )

@@ -6,7 +6,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -86,3 +86,17 @@ def _median(runs: list[dict[str, Any]]) -> dict[str, Any]:
     plain = {key: float(np.median([run[key] for run in runs])) for key in runs[0] if key != "stages_s"}
     stages = {name: float(np.median([run["stages_s"][name] for run in runs])) for name in runs[0]["stages_s"]}
     return {**plain, "stages_s": stages}
+
+
+def lines(figures: dict[str, Any]) -> Iterator[str]:
+    """What `bench_chain` found as a table, with another checkout's times and their ratio where there is one."""
+    here, there = figures[OURS], figures.get(THEIRS)
+    beside = "" if there is None else f"{'other':>9}{'ratio':>8}"
+    yield f"{figures['scene'] + ', from nothing':<30}{'here':>9}{beside}"
+    whole = (("wall_s", "whole, s"), ("processor_s", "of the processors, s"), ("peak_memory_gb", "peak memory, GB"))
+    rows = [(what, here[key], there and there[key]) for key, what in whole]
+    rows += [(f"  {name}, s", s, there and there["stages_s"].get(name)) for name, s in here["stages_s"].items()]
+    rows.append(("radiance on disk, GB", here["radiance_gb"], there and there["radiance_gb"]))
+    for what, ours, theirs in rows:
+        beside = f"{theirs:>9.2f}{ours / theirs:>8.2f}" if theirs else ""
+        yield f"{what:<30}{ours:>9.2f}{beside}"

@@ -2,7 +2,7 @@
 
 import resource
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -139,3 +139,18 @@ def _view_seconds(targets: int, width_px: int, height_px: int) -> float:
 def blurless(world: World) -> World:
     """The world with a lens that does not blur: path tracing carries no blur."""
     return replace(world, psf_sigma_px=0.0)
+
+
+def lines(figures: dict[str, Any]) -> Iterator[str]:
+    """What `bench_render` found, for people."""
+    yield f"figure of merit, fast over path     {figures['figure_of_merit_ratio']:,.0f}  (light known)"
+    first = f"{figures['figure_of_merit_ratio_first_view']:,.0f}"
+    yield f"                                    {first}  (light charged to one view)"
+    for name in ("fast", "path"):
+        side = figures[name]
+        yield f"{name}   {side['time_s']:6.2f} s a view   centres {side['centre_rms_px']:.5f} px rms"
+    yield f"{figures['dots']} dots; path with {figures['path']['samples']} samples a pixel"
+    yield f"light  {figures['light_s']:6.2f} s a scene"
+    yield f"12 megapixels, 1,000 targets        {figures['view_12_megapixels_1000_targets_s']:.2f} s"
+    yield f"time grows as targets^{figures['exponent_of_targets']:.2f}, pixels^{figures['exponent_of_pixels']:.2f}"
+    yield f"peak memory                         {figures['peak_memory_gb']:.2f} GB"

@@ -111,28 +111,11 @@ def _tool(tools: Any, name: str, act: Callable[[argparse.Namespace], int], what:
 
 
 def _cameras(args: argparse.Namespace) -> int:
-    import json
-
-    from testfield.bench.cameras import together_and_alone
+    from testfield.bench.cameras import lines, together_and_alone
     from testfield.chain.run import resume
     from testfield.score.scorecard import plain
 
-    rows = together_and_alone(resume(args.run, 1))
-    if args.json:
-        print(json.dumps({"cameras": plain(rows)}))
-        return 0
-    titles = f"{'corner, px':>11}{'in images, px':>15}{'stated u':>10}{'NEES':>7}{'RMSE, mm':>10}"
-    print(f"{'camera':<12}{'calibrated':<12}{titles}")
-    for row in rows:
-        head = f"{row['camera']:<12}{row['calibrated']:<12}"
-        if "failed" in row:
-            print(f"{head}  {row['failed']}")
-            continue
-        print(
-            f"{head}{row['corner_error_px']:>11.4f}{row['imaging_error_px'] or float('nan'):>15.4f}"
-            f"{row['imaging_u_px'] or float('nan'):>10.4f}{row['interior_anees']:>7.2f}{row['rmse_mm']:>10.4f}"
-        )
-    return 0
+    return _say(args, {"cameras": plain(together_and_alone(resume(args.run, 1)))}, lines)
 
 
 def _executor(args: argparse.Namespace) -> int:
@@ -275,29 +258,13 @@ def _print_verdicts(verdicts: list[dict[str, Any]]) -> None:
 
 
 def _render(args: argparse.Namespace) -> int:
-    import json
-
-    from testfield.bench.render import bench_render, blurless
+    from testfield.bench.render import bench_render, blurless, lines
     from testfield.scene.build import build_world
     from testfield.scene.load import load_scene
     from testfield.scene.shipped import find_scene
 
-    figures = bench_render(blurless(build_world(load_scene(find_scene(args.scene or "shadowed_board")))), _tell)
-    if args.json:
-        print(json.dumps(figures))
-        return 0
-    fast, path = figures["fast"], figures["path"]
-    first = f"{figures['figure_of_merit_ratio_first_view']:,.0f}"
-    print(f"figure of merit, fast over path     {figures['figure_of_merit_ratio']:,.0f}  (light known)")
-    print(f"                                    {first}  (light charged to one view)")
-    for name, side in (("fast", fast), ("path", path)):
-        print(f"{name}   {side['time_s']:6.2f} s a view   centres {side['centre_rms_px']:.5f} px rms")
-    print(f"{figures['dots']} dots; path with {path['samples']} samples a pixel")
-    print(f"light  {figures['light_s']:6.2f} s a scene")
-    print(f"12 megapixels, 1,000 targets        {figures['view_12_megapixels_1000_targets_s']:.2f} s")
-    print(f"time grows as targets^{figures['exponent_of_targets']:.2f}, pixels^{figures['exponent_of_pixels']:.2f}")
-    print(f"peak memory                         {figures['peak_memory_gb']:.2f} GB")
-    return 0
+    world = blurless(build_world(load_scene(find_scene(args.scene or "shadowed_board"))))
+    return _say(args, bench_render(world, _tell), lines)
 
 
 def _recall(args: argparse.Namespace) -> int:
@@ -353,27 +320,11 @@ def _adjust(args: argparse.Namespace) -> int:
 
 
 def _chain(args: argparse.Namespace) -> int:
-    import json
-
-    from testfield.bench.chain import OURS, THEIRS, bench_chain
+    from testfield.bench.chain import bench_chain, lines
     from testfield.scene.shipped import find_scene
 
     _at_least(1, args.times, "--times")
-    figures = bench_chain(find_scene(args.scene or "quick"), args.against, args.times, _tell)
-    if args.json:
-        print(json.dumps(figures))
-        return 0
-    here, there = figures[OURS], figures.get(THEIRS)
-    beside = "" if there is None else f"{'other':>9}{'ratio':>8}"
-    print(f"{figures['scene'] + ', from nothing':<30}{'here':>9}{beside}")
-    whole = (("wall_s", "whole, s"), ("processor_s", "of the processors, s"), ("peak_memory_gb", "peak memory, GB"))
-    rows = [(what, here[key], there and there[key]) for key, what in whole]
-    rows += [(f"  {name}, s", s, there and there["stages_s"].get(name)) for name, s in here["stages_s"].items()]
-    rows.append(("radiance on disk, GB", here["radiance_gb"], there and there["radiance_gb"]))
-    for what, ours, theirs in rows:
-        beside = f"{theirs:>9.2f}{ours / theirs:>8.2f}" if theirs else ""
-        print(f"{what:<30}{ours:>9.2f}{beside}")
-    return 0
+    return _say(args, bench_chain(find_scene(args.scene or "quick"), args.against, args.times, _tell), lines)
 
 
 def _claims(args: argparse.Namespace) -> int:
