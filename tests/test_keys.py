@@ -128,6 +128,10 @@ pattern = { kind = "runetag", diameter_mm = 300, number = 8 }
 name = "squares"
 position_mm = [4900, 250, 1560]
 pattern = { kind = "squares", columns = 5, rows = 4, square_mm = 60, gap_mm = 40 }
+[[boards]]
+name = "hexcircles"
+position_mm = [5900, 250, 1560]
+pattern = { kind = "hexcircles", columns = 6, rows = 7, pitch_mm = 60, diameter_mm = 40 }
 [certified_poses]
 u_position_mm = 0.1
 u_rotation_deg = 0.01
@@ -418,6 +422,10 @@ TABLE: dict[str, list[Change]] = {
         ("boards.10.pattern.rows", 3, ALL),
         ("boards.10.pattern.square_mm", 61, ALL),
         ("boards.10.pattern.gap_mm", 41, ALL),
+        ("boards.11.pattern.columns", 5, ALL),
+        ("boards.11.pattern.rows", 6, ALL),
+        ("boards.11.pattern.pitch_mm", 61, ALL),
+        ("boards.11.pattern.diameter_mm", 41, ALL),
         ("u_print_scale_ppm", 30, ALL),
         ("certified_poses.u_position_mm", 0.2, SHEET),
         ("certified_poses.u_rotation_deg", 0.02, SHEET),

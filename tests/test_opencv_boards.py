@@ -76,6 +76,7 @@ CCTAG = 'kind = "cctag", columns = 4, rows = 3, pitch_mm = 74, diameter_mm = 58,
 RUNETAG = 'kind = "runetag", diameter_mm = 190, number = 4711'
 CIRCLES = 'kind = "circles", columns = 9, rows = 6, pitch_mm = 32, diameter_mm = 16'
 ASYMMETRIC = 'kind = "acircles", columns = 4, rows = 9, pitch_mm = 24, diameter_mm = 18'
+HEXAGONAL = 'kind = "hexcircles", columns = 7, rows = 7, pitch_mm = 34, diameter_mm = 20'
 
 
 def text(*patterns: str) -> str:
@@ -212,7 +213,9 @@ def test_a_rendered_asymmetric_grid_is_read_by_opencv_in_its_order() -> None:
     assert gap.argmin(axis=1).tolist() in (list(range(36)), list(range(35, -1, -1)))
 
 
-@pytest.mark.parametrize("pattern", [CHARUCO, CHECKERBOARD, ARUCO, APRILTAG, APRILGRID, CCTAG, CIRCLES, ASYMMETRIC])
+@pytest.mark.parametrize(
+    "pattern", [CHARUCO, CHECKERBOARD, ARUCO, APRILTAG, APRILGRID, CCTAG, CIRCLES, ASYMMETRIC, HEXAGONAL]
+)
 def test_every_point_of_every_board_is_named_and_known_as_well_as_claimed(pattern: str) -> None:
     world = built(pattern)
     _, _, score = measured(world, shots(pattern))

@@ -13,7 +13,7 @@ from testfield.measure.patterns import Pattern, board_pattern
 from testfield.scene.frames import facing
 from testfield.targets.board_pattern import BoardPattern
 
-SCENE_KINDS = ("checkerboard", "charuco", "circles", "acircles")
+SCENE_KINDS = ("checkerboard", "charuco", "circles", "acircles", "hexcircles")
 """Boards of which a scene has the print, and whose edges tell the light and the blur."""
 LEAST_OFF = 2.0
 """How many standard uncertainties marks must lie off their places, rms, before it is said."""

@@ -1,4 +1,4 @@
-"""Names for the dots of boards that have nothing but circles: symmetric and asymmetric grids, RUNE-Tags."""
+"""Names for the dots of boards that have nothing but circles: symmetric, asymmetric and hexagonal grids, RUNE-Tags."""
 
 from collections.abc import Callable
 
@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 
 from testfield.detect.circle_grid import order_grid
+from testfield.detect.hexagonal_grid import order_hexagonal
 from testfield.detect.rune_dots import name_rune
 from testfield.registry import known_of
 from testfield.targets.board_pattern import BoardKind, BoardPattern
@@ -41,11 +42,20 @@ def name_circles(
 def _finder(kind: BoardKind) -> Callable:
     if kind.on_circles:
         return name_rune
+    if kind.hexagonal:
+        return _hexagonal
     return _asymmetric if kind.staggered else _symmetric
 
 
 def _symmetric(xy_px: np.ndarray, diameter_px: np.ndarray, pattern: BoardPattern) -> np.ndarray:
-    place = order_grid(xy_px, diameter_px, pattern.columns, pattern.rows)
+    return _row_by_row(order_grid(xy_px, diameter_px, pattern.columns, pattern.rows), pattern)
+
+
+def _hexagonal(xy_px: np.ndarray, diameter_px: np.ndarray, pattern: BoardPattern) -> np.ndarray:
+    return _row_by_row(order_hexagonal(xy_px, diameter_px, pattern.columns, pattern.rows), pattern)
+
+
+def _row_by_row(place: np.ndarray, pattern: BoardPattern) -> np.ndarray:
     return np.where(place[:, 0] >= 0, place[:, 1] * pattern.columns + place[:, 0], -1)
 
 

@@ -297,6 +297,22 @@ class AsymmetricCirclesPart(Part):
         return self
 
 
+class HexagonalCirclesPart(Part):
+    """A hexagonal grid of plain dots, as BoofCV prints them: every other row from the second lowest is shifted by half
+    a distance. One of an even number of rows looks the same upside down, so cameras must see it more or less upright."""
+
+    kind: Literal["hexcircles"] = Field(description="A hexagonal grid of dots.")
+    columns: int = Field(ge=2, le=1000, description="Dots in a row.")
+    rows: int = Field(ge=3, le=1000, description="Rows; of an even number nobody can tell the top.")
+    pitch_mm: PositiveFloat = Field(description="Distance of a dot from its six neighbours.")
+    diameter_mm: PositiveFloat = Field(description="Diameter of each dot.")
+
+    @property
+    def pattern(self) -> BoardPattern:
+        """What is printed."""
+        return BoardPattern(self.kind, self.columns, self.rows, self.pitch_mm, self.diameter_mm)
+
+
 PatternPart = Annotated[
     CharucoPart
     | CheckerboardPart
@@ -306,7 +322,8 @@ PatternPart = Annotated[
     | RuneTagPart
     | CirclesPart
     | SquaresPart
-    | AsymmetricCirclesPart,
+    | AsymmetricCirclesPart
+    | HexagonalCirclesPart,
     Field(discriminator="kind"),
 ]
 

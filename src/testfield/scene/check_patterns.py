@@ -54,6 +54,14 @@ def _family(pattern: BoardPattern) -> str:
     return f"CCTags of {pattern.crowns} crowns" if pattern.crowns else pattern.names.upper() or pattern.kind
 
 
+def _same_upside_down(pattern: BoardPattern) -> bool:
+    """Whether nothing on a board of dots or of lone squares tells which end is its top."""
+    if len(pattern.tags) or (pattern.has_corners and pattern.of_kind.crossing):
+        return False
+    middles = pattern.points_mm.reshape(pattern.columns * pattern.rows, -1, 2).mean(axis=1)
+    return bool(np.allclose(-middles[::-1], middles, atol=1e-6 * pattern.pitch_mm))
+
+
 def pattern_warnings(world: World, views: Views, source: str) -> list[str]:
     """A word on tags too small to be read, and on symmetric grids that are seen upside down."""
     warnings = []
@@ -63,13 +71,14 @@ def pattern_warnings(world: World, views: Views, source: str) -> list[str]:
             continue
         here = np.flatnonzero(world.marks.board == b)
         seen = (views.visible[:, here] == 1).all(axis=1)
-        if pattern.kind == "circles" and seen.any():
+        if _same_upside_down(pattern) and seen.any():
             first, last = views.disc_px[:, here[0]].sum(axis=1), views.disc_px[:, here[-1]].sum(axis=1)
             turned = [world.station_name[s] for s in np.flatnonzero(seen & (first > last))]
             if turned:
+                points = "corners" if pattern.has_corners else "dots"
                 warnings.append(
                     f"{source}: the symmetric grid '{board.name}' is upside down in {', '.join(turned)}, where its "
-                    "dots will be named the wrong way round; turn the camera (roll_deg), or use an asymmetric grid"
+                    f"{points} will be named the wrong way round; turn the camera (roll_deg), or use an asymmetric grid"
                 )
         if pattern.names:
             px = np.where(views.visible[:, here] == 1, views.diameter_px[:, here], 0).max(initial=0)

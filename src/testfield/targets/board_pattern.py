@@ -74,9 +74,10 @@ class BoardKind:
     its tags, None for boards without.
 
     Corners are `crossing` where two edges cross, else they are a tag's own; they are looked for within
-    `known_within_mm` of one that was read. Circles are `staggered` in an asymmetric grid. `shows_front` tells whether
-    an image of the board tells it from its mirror image. `turned_tags` are printed turned by half against OpenCV's
-    print, and `corner_squares` touch the corners of all tags. Circles whose `diameters_mm` (n,) differ tell them; those
+    `known_within_mm` of one that was read. Circles are `staggered` in an asymmetric grid, and in a `hexagonal` one.
+    `shows_front` tells whether an image of the board tells it from its mirror image. `turned_tags` are printed turned
+    by half against OpenCV's print, and `corner_squares` touch the corners of all tags. Circles whose `diameters_mm`
+    (n,) differ tell them; those
     `on_circles` about the middle are told by where they stand on them. `discs` gives the print of round tags, whose
     centres are their points; `cells` is then the paper that holds them.
 
@@ -93,6 +94,7 @@ class BoardKind:
     known_within_mm: Callable[["BoardPattern"], float] = lambda pattern: 0.0
     crossing: bool = True
     staggered: bool = False
+    hexagonal: bool = False
     shows_front: bool = True
     turned_tags: bool = False
     corner_squares: bool = False

@@ -31,4 +31,5 @@ def hexcircles() -> BoardKind:
         half_mm=lambda pattern: half_of_marks_mm(pattern, _centres_mm(pattern)),
         free_mm=lambda pattern: pattern.mark_mm,
         staggered=True,
+        hexagonal=True,
     )
