@@ -299,7 +299,8 @@ class AsymmetricCirclesPart(Part):
 
 class HexagonalCirclesPart(Part):
     """A hexagonal grid of plain dots, as BoofCV prints them: every other row from the second lowest is shifted by half
-    a distance. One of an even number of rows looks the same upside down, so cameras must see it more or less upright."""
+    a distance. One of an even number of rows looks the same upside down, so cameras must see it more or less upright.
+    """
 
     kind: Literal["hexcircles"] = Field(description="A hexagonal grid of dots.")
     columns: int = Field(ge=2, le=1000, description="Dots in a row.")
