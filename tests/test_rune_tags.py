@@ -9,7 +9,7 @@ from testfield.camera.photograph import Photograph
 from testfield.detect.photograph import ON_WHITE, detect_in_photograph
 from testfield.detect.rune_dots import name_rune
 from testfield.detect.target_spec import parse_target
-from testfield.scene.board_parts import RuneTagPart
+from testfield.scene.pattern_parts import RuneTagPart
 from testfield.targets.board_pattern import BoardPattern
 from testfield.targets.rune_code import (
     _GENERATOR,

@@ -112,7 +112,7 @@ def _in_scenes(board: str) -> str:
     """How a scene's `pattern.kind` calls a kind of board."""
     from typing import get_args
 
-    from testfield.scene.board_parts import PatternPart, TagGridPart
+    from testfield.scene.pattern_parts import PatternPart, TagGridPart
 
     union, *_ = get_args(PatternPart)
     named = {kind for part in get_args(union) for kind in get_args(part.model_fields["kind"].annotation)}

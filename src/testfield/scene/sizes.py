@@ -3,7 +3,8 @@
 from math import prod
 
 from testfield.errors import TestfieldError
-from testfield.scene.board_parts import BoardPart, RuneTagPart
+from testfield.scene.board_parts import BoardPart
+from testfield.scene.pattern_parts import RuneTagPart
 from testfield.scene.schema import SceneFile
 from testfield.scene.station_parts import StationGrid, StationPart, StationPose, StationSingle
 from testfield.scene.target_parts import CheckGrid, CheckOnMesh, CheckPart, CheckRandom
