@@ -14,7 +14,7 @@ from testfield.bench.networks import CAMERA, one_board
 from testfield.bench.residual_field import KINDS, scene_of, trial
 from testfield.calibrate.calibration import Calibration
 from testfield.calibrate.lens_misfit import LENGTHS, SIGNIFICANT, _most_likely, _seen, lens_misfit, prior_root
-from testfield.calibrate.misfit import NO_MISFIT, Misfit, misfit_of
+from testfield.calibrate.misfit import NO_MISFIT, Misfit, excess_of, misfit_of
 from testfield.calibrate.unflat_boards import unflat
 from testfield.camera.interior import Interior
 from testfield.camera.project import camera_jacobian, directions, project_camera
@@ -157,6 +157,27 @@ def test_a_board_that_is_not_flat_is_not_taken_for_a_lens() -> None:
     _, flat = observed(0.0, 3)
     seen = unflat(flat.network, names(flat.network), flat.freedom)
     assert seen is None or seen.rise < SIGNIFICANT
+
+
+def of_squares(network: Network, draw: int, own_px: float) -> Adjustment:
+    """The lens model's adjustment where every four neighbours of a board of 12 x 12, in each image, err alike."""
+    rng, k = np.random.default_rng(draw), np.arange(144)
+    square = (k // 12 // 2) * 6 + k % 12 // 2
+    images = len(network.stations)
+    own = own_px * rng.standard_normal((images, 36, 2))[network.image, square[network.point]]
+    return adjust(replace(network, xy_px=network.xy_px + own), names(network))
+
+
+def test_errors_of_each_square_are_not_taken_for_a_field_and_do_not_hide_one() -> None:
+    network = one_board(5, 12, 12, seed=5)
+    plain = of_squares(network, 5, 0.1)
+    base = replace(plain.network, cov_px2=excess_of(plain) * plain.network.cov_px2)
+    white = lens_misfit(base, names(base), plain.freedom)
+    assert white is not None  # as if all four corners were observations of their own
+    assert misfit_of(plain, names, plain.freedom).lens is None
+    bent = replace(network, xy_px=network.xy_px + field(0.2, 5).displacement(network.xy_px))
+    plain = of_squares(bent, 5, 0.05)
+    assert misfit_of(plain, names, plain.freedom).lens is not None
 
 
 def test_halves_tell_a_true_uncertainty_from_one_that_is_too_small() -> None:

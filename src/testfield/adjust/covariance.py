@@ -9,6 +9,8 @@ deviation of a point is its own less (Y, H) times them, of which its own and m h
 import numpy as np
 
 from testfield.adjust.chunks import Chunk
+from testfield.adjust.known import add_distances, add_what_was_known
+from testfield.adjust.network import Network
 from testfield.adjust.normal import NormalEquations
 from testfield.adjust.side_by_side import side_by_side
 from testfield.store.threads import one_blas_thread
@@ -33,16 +35,35 @@ class Covariance:
         own: np.ndarray,
         open_ways: tuple[np.ndarray, np.ndarray],
         datum_points: np.ndarray,
+        widened: np.ndarray | None = None,
     ):
         self._equations, self._inverse, self._own = equations, inverse, own
+        self._open_ways, self._datum_points = open_ways, datum_points
         self._kept_at = equations.structure.kept_at
         by_reduced, by_point = open_ways
         self._d = by_reduced.shape[1]
-        self.reduced = self._shared = inverse
+        self.reduced = self._shared = inverse if widened is None else widened
         if self._d:
-            self._hold(by_reduced, by_point, datum_points)
+            self._hold(self.reduced, by_reduced, by_point, datum_points)
 
-    def _hold(self, by_reduced: np.ndarray, by_point: np.ndarray, datum_points: np.ndarray) -> None:
+    @one_blas_thread()
+    def widened(self, network: Network, factor: float) -> "Covariance":
+        """The same where what observations of an adjusted `network` do to the reduced unknowns, but not what was known
+        before, has `factor` times the variance. What points have by themselves stays: their rays' own errors."""
+        D, layout = np.zeros_like(self._inverse), self._equations.structure.layout
+        add_what_was_known(D, np.zeros(len(D)), layout, network)
+        add_distances(D, np.zeros(len(D)), layout, network)
+        told = np.flatnonzero(network.information.any(axis=(1, 2)) & (self._kept_at < 0))
+        for first in range(0, len(told), TILE):
+            points = told[first : first + TILE]
+            follow = self._equations.rows(points, self._own, np.arange(len(D)), len(D))
+            D += np.tensordot(follow, network.information[points] @ follow, ([0, 1], [0, 1]))
+        C = self._inverse
+        wide = factor * C - (factor - 1) * C @ D @ C
+        wide = 0.5 * (wide + wide.T)
+        return Covariance(self._equations, C, self._own, self._open_ways, self._datum_points, wide)
+
+    def _hold(self, C: np.ndarray, by_reduced: np.ndarray, by_point: np.ndarray, datum_points: np.ndarray) -> None:
         d, n = self._d, len(self._own)
         H = by_point[datum_points].reshape(-1, d)
         pull = np.zeros((n, 3, d))
@@ -54,15 +75,15 @@ class Covariance:
             M = -self._equations.from_points(pull).T
             for at, gain in zip(kept[kept >= 0], K[kept >= 0], strict=True):
                 M[:, at : at + 3] += gain
-            E = np.einsum("kdi,kie->de", K[kept < 0], pull[alone]) + M @ self._inverse @ M.T
+            E = np.einsum("kdi,kie->de", K[kept < 0], pull[alone]) + M @ C @ M.T
         else:  # no points to hold: the stations stand still on the whole
             M = np.linalg.solve(by_reduced.T @ by_reduced, by_reduced.T)
-            E = M @ self._inverse @ M.T
-        G = self._inverse @ M.T
+            E = M @ C @ M.T
+        G = C @ M.T
         self._H, self._by_point, self._pull = by_reduced, by_point, pull
-        self._shared = np.block([[self._inverse, G], [G.T, 0.5 * (E + E.T)]])
+        self._shared = np.block([[C, G], [G.T, 0.5 * (E + E.T)]])
         across = G @ by_reduced.T
-        self.reduced = self._inverse - across - across.T + by_reduced @ E @ by_reduced.T
+        self.reduced = C - across - across.T + by_reduced @ E @ by_reduced.T
 
     def _rows(self, points: np.ndarray, chunk: Chunk | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Of k points: the covariance of their own part (k, 3, 3), and (Y, H) (k, 3, P + d); of a chunk's unknowns

@@ -15,6 +15,9 @@ is 1 then, and otherwise the ratio of what images do to the camera, to what sing
 images in the place of observations, the middle of the sandwich estimator over clusters (Liang and Zeger 1986) with the
 bias of few clusters taken out (Bell and McCaffrey 2002). Were it by chance it would be about chi-squared over its
 degrees of freedom, nu = (sum tr W K_i)^2 / sum tr (W K_i)^2 (Satterthwaite).
+
+The amounts of the lens' smooth field are asked by themselves (`field`): there the factor tells a field, which is the
+same in all images, from what is alike within a mark or an image only.
 """
 
 from dataclasses import dataclass
@@ -45,11 +48,12 @@ class BetweenImages:
         return self.factor if self.factor > max(self.high, 1.0) else 1.0
 
 
-def between_images(adjustment: Adjustment) -> BetweenImages | None:
-    """How images agree on the camera; None where it has no unknowns or fewer than `LEAST_PLACES` are there."""
+def between_images(adjustment: Adjustment, field: bool = False) -> BetweenImages | None:
+    """How images agree on the camera, or on the smooth `field` of its lens; None where it has no such unknowns or fewer
+    than `LEAST_PLACES` are there."""
     network = adjustment.network
     names = [n for c in network.cameras for n in np.array(c.interior.names)[c.unknown].tolist()]
-    asked = np.array([k for k, name in enumerate(names) if not name.startswith(MODE)], int)
+    asked = np.array([k for k, name in enumerate(names) if name.startswith(MODE) is field], int)
     places = np.unique(network.images.station[network.image])
     if not len(asked) or len(places) < LEAST_PLACES:
         return None

@@ -15,6 +15,11 @@ Q takes away what all other unknowns explain, are the Schur complement of N exte
 covariance of the functions' amounts for s = 1, and a = s^2 / sigma^2, minus twice the log likelihood is
 
     f log sigma^2 + log |I + a L' S L|,   sigma^2 = (chi^2 - a t' L (I + a L' S L)^-1 L' t) / f.
+
+Residuals that are alike within a mark or an image, and differ between them, are neither white nor a field of the lens.
+Where images contradict each other on the field by a factor F (`between_images.py`), observations tell 1 / F as much of
+it: the first term, the only one that they make rise, counts 1 / F (quasi-likelihood, McCullagh 1983), and a is
+s^2 / (F sigma^2).
 """
 
 from collections.abc import Callable
@@ -93,11 +98,12 @@ class LensMisfit:
         }
 
 
-def lens_misfit(network: Network, labels: list[str], freedom: int) -> LensMisfit | None:
+def lens_misfit(network: Network, labels: list[str], freedom: int, between: float = 1.0) -> LensMisfit | None:
     """The field that the residuals show which the lens model alone leaves; None where they show none.
 
     `network` adjusted, with a field or without, `labels` of its unknowns, `freedom` of the adjustment without a field.
-    Several cameras, whose fields would differ, and small networks are not asked.
+    Several cameras, whose fields would differ, and small networks are not asked. `between`: by which factor images
+    contradict each other on the field.
     """
     if len(network.cameras) != 1 or freedom < LEAST_FREEDOM:
         return None
@@ -105,9 +111,9 @@ def lens_misfit(network: Network, labels: list[str], freedom: int) -> LensMisfit
     if seen.chi2 < ROUNDING * freedom:
         return None
     size = (network.interior.width_px, network.interior.height_px)
-    found = [(*_most_likely(seen, prior_root(*size, part), freedom), part) for part in LENGTHS]
+    found = [(*_most_likely(seen, prior_root(*size, part), freedom, between), part) for part in LENGTHS]
     rise, ratio, variance, part = max(found)
-    s = float(np.sqrt(ratio * variance))
+    s = float(np.sqrt(ratio * between * variance))
     claimed = float(np.sqrt(np.median(np.trace(network.cov_px2, axis1=1, axis2=2)) / 2))
     if rise < SIGNIFICANT or s < UNSEEN * claimed:
         return None
@@ -174,7 +180,7 @@ def _seen(network: Network, labels: list[str]) -> _Seen:
     return _Seen(0.5 * (S + S.T), right[own] - across.T @ solved[:, -1], chi2_of(network) - float(left))
 
 
-def _most_likely(seen: _Seen, root: np.ndarray, freedom: int) -> tuple[float, float, float]:
+def _most_likely(seen: _Seen, root: np.ndarray, freedom: int, between: float = 1.0) -> tuple[float, float, float]:
     """The rise of twice the log likelihood above no field, the ratio a and sigma^2 where it is largest."""
     values, vectors = np.linalg.eigh(root.T @ seen.S @ root)
     values = np.maximum(values, 0)
@@ -187,7 +193,7 @@ def _most_likely(seen: _Seen, root: np.ndarray, freedom: int) -> tuple[float, fl
 
     def minus_rise(log_ratio: float) -> float:
         less = freedom * np.log(variance(log_ratio) * freedom / seen.chi2)
-        return float(less + np.log1p(np.exp(log_ratio) * values).sum())
+        return float(less / between + np.log1p(np.exp(log_ratio) * values).sum())
 
     first = -np.log(max(values.max(initial=0), 1e-300))
     tried = first + np.arange(-4.0, 20.0)

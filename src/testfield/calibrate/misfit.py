@@ -26,7 +26,8 @@ Names = Callable[[Network], list[str]]
 class Misfit:
     """A smooth field of the `lens`, if any; `unflat_mm`, the standard deviation of marks' heights above their boards,
     0 where sheets are right; `variance` by which observations' covariances are multiplied, 1 where claims are;
-    `between` by which they are multiplied besides, because images contradict each other more than points do."""
+    `between` by which the variance of what observations do to cameras and stations is multiplied besides, because
+    images contradict each other more than points do."""
 
     lens: LensMisfit | None = None
     unflat_mm: float = 0.0
@@ -93,7 +94,7 @@ def _asked(adjustment: Adjustment, names: Names, freedom: int) -> Misfit:
     network = adjustment.network
     excess = excess_of(adjustment)
     base = replace(network, cov_px2=excess * network.cov_px2)
-    lens = lens_misfit(base, names(base), freedom)
+    lens = _lens(base, names, freedom)
     heights = unflat(base, names(base), freedom) if excess > 1 else None
     if heights is None or heights.rise < SIGNIFICANT:
         return _scaled(Misfit(lens), network, names)
@@ -104,7 +105,21 @@ def _asked(adjustment: Adjustment, names: Names, freedom: int) -> Misfit:
             return replace(Misfit(lens), variance=scale)
     flat = Misfit(None, heights.s_mm)
     second, _ = _with(flat, network, names)
-    return _scaled(replace(flat, lens=lens_misfit(second, names(second), freedom)), network, names)
+    return _scaled(replace(flat, lens=_lens(second, names, freedom)), network, names)
+
+
+def _lens(network: Network, names: Names, freedom: int) -> LensMisfit | None:
+    """The lens' field as far as it is the same in all images: what is alike within a mark or an image only, looks like
+    a field to a likelihood that takes every observation for white, and images contradict each other in it then."""
+    found = lens_misfit(network, names(network), freedom)
+    if found is None:
+        return None
+    white = replace(network, cov_px2=found.variance * network.cov_px2)
+    wide = with_lens_misfit(white, found, names)
+    seen = between_images(adjust(wide, names(wide)), field=True)
+    if seen is None or seen.excess == 1:
+        return found
+    return lens_misfit(network, names(network), freedom, seen.excess)
 
 
 def excess_of(adjustment: Adjustment) -> float:
@@ -128,15 +143,17 @@ def widened(adjustment: Adjustment, names: Names) -> tuple[Adjustment, float]:
 
 
 def widened_by_images(
-    adjustment: Adjustment, names: Names, misfit: Misfit, given: Misfit | None
+    adjustment: Adjustment, misfit: Misfit, given: Misfit | None
 ) -> tuple[Adjustment, Misfit, list[str]]:
     """The adjustment with covariances that hold what differs from image to image, the misfit with that, and what a
-    reader is told. Of some of the images the factor of all of them, if it is `given`: few images say little of it."""
+    reader is told. Of some of the images the factor of all of them, if it is `given`: few images say little of it.
+
+    What is widened are the unknowns that many observations of an image share, and points as far as they follow them:
+    one point has one ray from an image, in whose scatter everything is, and images agree on where it lies."""
     seen = None if given else between_images(adjustment)
     factor = given.between if given else seen.excess if seen else 1.0
     if factor > 1:
-        network = adjustment.network
-        adjustment = adjust(replace(network, cov_px2=factor * network.cov_px2), names(network))
+        adjustment = replace(adjustment, cov=adjustment.cov.widened(adjustment.network, factor))
     said = [
         f"images differ from each other {np.sqrt(factor):.1f} times as much as their points' scatter explains (a "
         "target that bends or moves from image to image, focus): all uncertainties are those of the images"

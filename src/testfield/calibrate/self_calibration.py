@@ -209,8 +209,8 @@ def settled(job: Job, hold: tuple[str, ...], empirical: bool, misfit: Misfit | N
     if factor > 1:
         notes.append(scatter_note(factor))
     if empirical:
-        adjustment, misfit, said = widened_by_images(adjustment, _names(job), misfit, given)
-        factor, notes = factor * misfit.between, [*notes, *said]
+        adjustment, misfit, said = widened_by_images(adjustment, misfit, given)
+        notes = [*notes, *said]
     again = tuple(
         replace(now, u=before.u, u_aspect=before.u_aspect)
         for now, before in zip(free.network.cameras, bare.network.cameras, strict=True)

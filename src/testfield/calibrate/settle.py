@@ -71,9 +71,8 @@ def settled(start: Start, rows: Observations, empirical: bool = False, misfit: M
         if last.widened > 1:
             last = replace(last, notes=[*last.notes, scatter_note(last.widened)])
         if empirical:
-            adjustment, own, said = widened_by_images(last.adjustment, _unknowns(start), last.misfit, misfit)
-            wide, notes = last.widened * own.between, [*last.notes, *said]
-            last = replace(last, adjustment=adjustment, widened=wide, misfit=own, notes=notes)
+            adjustment, own, said = widened_by_images(last.adjustment, last.misfit, misfit)
+            last = replace(last, adjustment=adjustment, misfit=own, notes=[*last.notes, *said])
     except TestfieldError as error:
         reasons = doubts_of_geometry(start.network, start)
         raise TestfieldError("; ".join([error.what, *reasons]), error.where, error.do) from error
