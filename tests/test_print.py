@@ -56,8 +56,11 @@ def rasterised(pdf: bytes, folder: Path, page: int = 0) -> np.ndarray:
     """A page of a PDF in grey, by PDFium, and by Poppler where it is installed: both must agree on what is printed."""
     import pypdfium2
 
-    document = pypdfium2.PdfDocument(pdf)
-    image = np.asarray(document[page].render(scale=DPI / 72, grayscale=True).to_pil())
+    shown = pypdfium2.PdfDocument(pdf)[page]
+    # PDFium stretches a page to whole pixels, by 0.02 mm on A4: one that has whole pixels it leaves alone.
+    wide, high = ((np.ceil(length * DPI / 72) - 1e-3) * 72 / DPI for length in shown.get_size())
+    shown.set_mediabox(0, shown.get_height() - high, wide, shown.get_height())
+    image = np.asarray(shown.render(scale=DPI / 72, grayscale=True).to_pil())
     if shutil.which("pdftoppm"):
         (folder / "page.pdf").write_bytes(pdf)
         command = ["pdftoppm", "-r", str(DPI), "-gray", "-f", str(page + 1), "-l", str(page + 1), "-singlefile"]
