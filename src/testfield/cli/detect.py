@@ -38,7 +38,7 @@ def add(commands: Any) -> None:
         metavar="KIND",
         help="what the images show: ring14, circles, circles:10x8, acircles:4x11, hexcircles:14x24, checkerboard:9x6, "
         "charuco:7x5:DICT_4X4_50:30:22 (mm), tags:5x7:DICT_6X6_50:30:24 (mm), aruco:DICT_4X4_50, apriltag:36h11, "
-        "squares:8x8:22.6:12.7, aprilgrid:6x6:88:26.4 (mm), cctag:3, runetag:1234",
+        "squares:8x8:22.6:12.7, aprilgrid:6x6:88:26.4 (mm), cctag:3, runetag, runetag:1234",
     )
     p.add_argument(
         "--radii",

@@ -12,7 +12,7 @@ from testfield.camera.plane_image import as_others_say
 from testfield.detect.circle_grid import order_grid
 from testfield.detect.hexagonal_grid import order_hexagonal
 from testfield.detect.observations import MEASURED, READ, diameters
-from testfield.detect.rune_dots import name_rune
+from testfield.detect.rune_dots import name_rune, read_runes
 from testfield.detect.target_spec import TargetSpec
 from testfield.detect.targets import Targets
 from testfield.targets.kinds.hexcircles import row_shifts
@@ -94,3 +94,11 @@ def _in_tag(targets: Targets, target: TargetSpec, good: np.ndarray) -> np.ndarra
     number = name_rune(targets.xy_px[good], diameter, target.pattern())
     place[good] = np.column_stack([number, np.minimum(number, 0)])
     return place
+
+
+def runes(targets: Targets) -> np.ndarray:
+    """(n,) which point of a RUNE-Tag each dot is, -1 for none; `targets.code` gets the tags' numbers."""
+    good, point = targets.status == MEASURED, np.full(len(targets.code), -1)
+    diameter = 4 * np.linalg.det(targets.moments_px2[good]) ** 0.25
+    targets.code[good], point[good] = read_runes(targets.xy_px[good], diameter)
+    return point

@@ -11,7 +11,7 @@ from testfield.detect.crown_boards import observed
 from testfield.detect.crowns import read_crowns
 from testfield.detect.eight_bits import pictures
 from testfield.detect.every_dot import measured
-from testfield.detect.grid_places import grid_places
+from testfield.detect.grid_places import grid_places, runes
 from testfield.detect.hints import exposure, of_boards, of_dots, of_grids, of_rings
 from testfield.detect.knobs import DEFAULT, Knobs
 from testfield.detect.noise import estimate_sheet
@@ -129,8 +129,12 @@ def _dots(
 
     targets, said = measured(image, sheet, bits, shape, smallest_px, codes, knobs)
     notes += said
-    place = np.full((len(targets.code), 2), -1)
-    if target.kind in DOTS:
+    place, rune = np.full((len(targets.code), 2), -1), np.full(len(targets.code), -1)
+    if target.unknown_rune:
+        rune = runes(targets)
+        if not (rune >= 0).any():
+            notes.append(f"no RUNE-Tag of 129 places among {int((targets.status == MEASURED).sum())} dots")
+    elif target.kind in DOTS:
         place = grid_places(targets, target, (image.shape[1], image.shape[0]))
         if target.kind == "runetag" and not (place >= 0).any():
             notes.append(f"no RUNE-Tag of number {target.first} among {int((targets.status == MEASURED).sum())} dots")
@@ -140,7 +144,7 @@ def _dots(
     if targets.left_out:
         notes.append(f"{targets.left_out} blobs more than can be looked at were left out")
     numbers, count = np.unique(targets.code[targets.code > 0], return_counts=True)
-    if (count > 1).any():
+    if (count > 1).any() and not target.unknown_rune:
         notes.append(f"read more than once: {', '.join(map(str, numbers[count > 1]))}")
     if target.kind == "ring":
         if targets.radii is not None and targets.radii != shape:
@@ -149,7 +153,7 @@ def _dots(
         notes += of_rings(image, seen, targets.background_dn, targets.contrast_dn)
     none = np.full(len(targets.code), -1)
     columns = place[:, 0].max(initial=-1) + 1
-    point = np.where(place[:, 0] >= 0, place[:, 1] * columns + place[:, 0], -1)
+    point = np.where(place[:, 0] >= 0, place[:, 1] * columns + place[:, 0], rune)
     return Found(targets.observations(photograph.name, none, point), place, tuple(notes), targets.passed_over)
 
 

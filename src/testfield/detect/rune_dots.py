@@ -3,8 +3,12 @@
 Dots that lie near each other are one cluster. The outer circle is the ellipse on which most of a cluster's outermost
 dots lie; of all perspectives in which it is a circle the one is taken in which the other dots lie on the two circles
 within. A word is taken where symbols that are wrong count two, those not seen one, and all of them are fewer than what
-lies between two words, so that no other tag, and no other turn of this one, could be meant.
+lies between two words, so that no other tag, and no other turn of this one, could be meant. Where no number is
+expected, the nearest of all words is taken on top of that only where chance would not bring any as near.
 """
+
+from collections.abc import Callable
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -14,7 +18,17 @@ from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from testfield.seeds import generator
 from testfield.targets.board_pattern import BoardPattern
-from testfield.targets.rune_code import APART, RADII, SECTORS, places_of_rune, symbols_of, word_of_rune
+from testfield.targets.rune_code import (
+    APART,
+    DOT,
+    RADII,
+    SECTORS,
+    chance_of_rune,
+    nearest_rune,
+    places_of_rune,
+    symbols_of,
+    word_of_rune,
+)
 
 LINKED = 4.5
 """Dots nearer than this many diameters are of one tag: an empty circle leaves 3.2, seen at a slant up to 4.5."""
@@ -32,19 +46,42 @@ TILTS = (np.linspace(-0.3, 0.3, 21), np.linspace(-0.02, 0.02, 9), np.linspace(-0
 NEAR, SIZES = 0.3, 1.3
 """How far from where it must be a dot may lie, in its diameters, and by what ratio its diameter may be another."""
 
+CHANCE = 1e-8
+"""Words that chance may bring as near as one that nobody expected: some ten ellipses of an image are read, and a wrong
+number in a million images is too many."""
+ANY = BoardPattern("runetag", 1, 1, 1.0, DOT)
+
+Told = Callable[[np.ndarray], tuple[BoardPattern, int] | None]
+"""Symbols (43,) to the tag that they show and the sector that is its first, or None."""
+
 
 def name_rune(xy_px: np.ndarray, diameter_px: np.ndarray, pattern: BoardPattern) -> np.ndarray:
     """(n,) number of the point that each dot (n, 2) px is of the tag, -1 for those that are none."""
     number = np.full(len(xy_px), -1)
     for rows in _clusters(xy_px, diameter_px):
-        H = _seen(xy_px[rows], pattern)
-        if H is None:
+        seen = _seen(xy_px[rows], lambda symbols: _expected(symbols, pattern))
+        if seen is None:
             continue
-        found = _nearest(H, xy_px[rows], diameter_px[rows], pattern)
+        found = _nearest(seen[0], xy_px[rows], diameter_px[rows], pattern)
         if (found >= 0).sum() > (number >= 0).sum():
             number[:] = -1
             number[rows] = found
     return number
+
+
+def read_runes(xy_px: np.ndarray, diameter_px: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Which tag each dot (n, 2) px is of, by its number (n,), and which of its points (n,); -1 for those of none. A
+    number that is seen twice is told twice."""
+    tag, point = np.full(len(xy_px), -1), np.full(len(xy_px), -1)
+    for rows in _clusters(xy_px, diameter_px):
+        seen = _seen(xy_px[rows], _any)
+        if seen is None:
+            continue
+        H, pattern = seen
+        found = _nearest(H, xy_px[rows], diameter_px[rows], pattern)
+        mine = rows[found >= 0]
+        tag[mine], point[mine] = pattern.first_tag, found[found >= 0]
+    return tag, point
 
 
 def _clusters(xy_px: np.ndarray, diameter_px: np.ndarray) -> list[np.ndarray]:
@@ -60,16 +97,16 @@ def _clusters(xy_px: np.ndarray, diameter_px: np.ndarray) -> list[np.ndarray]:
     return sorted((rows for rows in clusters if len(rows) >= FEWEST), key=len, reverse=True)
 
 
-def _seen(xy_px: np.ndarray, pattern: BoardPattern) -> np.ndarray | None:
-    """(3, 3) from the tag's mm to px; None where these dots do not show it."""
+def _seen(xy_px: np.ndarray, told: Told) -> tuple[np.ndarray, BoardPattern] | None:
+    """(3, 3) from a tag's mm to px, and the tag; None where these dots show none."""
     for circle in _outer(xy_px):
-        H = _read(circle, xy_px, pattern)
-        if H is not None:
-            return H
+        seen = _read(circle, xy_px, told)
+        if seen is not None:
+            return seen
     return None
 
 
-def _read(circle: np.ndarray, xy_px: np.ndarray, pattern: BoardPattern) -> np.ndarray | None:
+def _read(circle: np.ndarray, xy_px: np.ndarray, told: Told) -> tuple[np.ndarray, BoardPattern] | None:
     """The same, by the outer circle from which an affine map (3, 3) comes."""
     upright = _upright(circle, xy_px)
     u = cv2.perspectiveTransform(xy_px[None], np.linalg.inv(upright))[0] * [1, -1]
@@ -83,24 +120,37 @@ def _read(circle: np.ndarray, xy_px: np.ndarray, pattern: BoardPattern) -> np.nd
     sector = np.rint(turned - phase).astype(int) % SECTORS
     shown = np.zeros((SECTORS, len(RADII)), int)
     shown[sector[good], on[good]] = 1
-    first = _first_sector(symbols_of(shown), pattern.first_tag)
-    if first is None:
+    tag = told(symbols_of(shown))
+    if tag is None:
         return None
+    pattern, first = tag
     at, circles = places_of_rune(pattern.first_tag)
     point = {(s, c): k for k, (s, c) in enumerate(zip(at.tolist(), circles.tolist(), strict=True))}
-    told = [point.get(((s - first) % SECTORS, c), -1) for s, c in zip(sector.tolist(), on.tolist(), strict=True)]
-    mine = np.flatnonzero(good & (np.array(told) >= 0))
-    H, _ = cv2.findHomography(pattern.points_mm[np.array(told)[mine]], xy_px[mine], cv2.RANSAC, 2.0)
-    return H
+    named = np.array(
+        [point.get(((s - first) % SECTORS, c), -1) for s, c in zip(sector.tolist(), on.tolist(), strict=True)]
+    )
+    mine = np.flatnonzero(good & (named >= 0))
+    H, _ = cv2.findHomography(pattern.points_mm[named[mine]], xy_px[mine], cv2.RANSAC, 2.0)
+    return None if H is None else (H, pattern)
 
 
-def _first_sector(symbols: np.ndarray, number: int) -> int | None:
-    """Which sector (43,) is the word's first; None where the word is another one."""
+def _expected(symbols: np.ndarray, pattern: BoardPattern) -> tuple[BoardPattern, int] | None:
+    """The tag that is expected; None where the word is another one."""
     turns = (np.arange(SECTORS)[:, None] + np.arange(SECTORS)) % SECTORS
-    read, word = symbols[turns], word_of_rune(number)
+    read, word = symbols[turns], word_of_rune(pattern.first_tag)
     cost = (read < 0).sum(axis=1) + 2 * ((read >= 0) & (read != word)).sum(axis=1)
     best = int(cost.argmin())
-    return best if cost[best] < APART else None
+    return (pattern, best) if cost[best] < APART else None
+
+
+def _any(symbols: np.ndarray) -> tuple[BoardPattern, int] | None:
+    """Whichever tag of the reference's table the symbols show."""
+    seen = int((symbols >= 0).sum())
+    number, first, alike = nearest_rune(symbols)
+    far = SECTORS - seen + 2 * (seen - alike)
+    if far >= APART or chance_of_rune(seen, alike) > CHANCE:
+        return None
+    return replace(ANY, first_tag=number), first
 
 
 def _outer(xy_px: np.ndarray) -> list[np.ndarray]:

@@ -21,6 +21,7 @@ KINDS = {
     "aruco:DICT_4X4_50": "ArUco markers, by OpenCV; to measure with them, their side in mm, as :40",
     "aprilgrid:6x6:88:26.4": "Kalibr's AprilGrid: tags in x and y, side of a tag and of a corner square in mm",
     "runetag:1234:160": "a RUNE-Tag of 129 places: its number, and to measure with it the diameter of its outer circle",
+    "runetag": "RUNE-Tags of 129 places, whichever they are; a mirrored image shows other ones",
     "cctag:3": "CCTags of 3 crowns, or of 4",
     "apriltag:36h11": "AprilTags, by pupil-apriltags where it is installed, else by OpenCV; their side in mm as :40",
     "tags:5x7:DICT_6X6_50:30:24": "a board of ArUco or AprilTags, row by row: columns, rows, dictionary, from tag to "
@@ -57,6 +58,11 @@ class TargetSpec:
     def is_board(self) -> bool:
         """Whether the kind says where every point of a board lies, so that it calibrates a camera."""
         return self.kind not in ("ring", "aruco", "apriltag") and self.columns > 0
+
+    @property
+    def unknown_rune(self) -> bool:
+        """Whether RUNE-Tags are asked for without a number."""
+        return self.kind == "runetag" and not self.columns
 
     @property
     def upright(self) -> tuple[int, int]:
@@ -104,6 +110,8 @@ def parse_target(text: str, where: str = "--target") -> TargetSpec:
             if not 0 < square < marker < float("inf"):
                 raise _wrong(text, where, "a corner square is smaller than its tag, and both have a size")
             return TargetSpec(kind, 0, *_size(rest[0]), APRIL_GRID_TAGS, square, marker, True, True)
+        if kind == "runetag" and not rest:
+            return TargetSpec("runetag")
         if kind == "runetag" and len(rest) in (1, 2):
             return _rune(text, where, int(rest[0]), float(rest[1]) if len(rest) == 2 else None)
         if kind == "cctag" and len(rest) == 1:

@@ -14,6 +14,7 @@ table of 17,000 tags holds.
 
 from dataclasses import dataclass
 from functools import cache
+from math import comb
 
 import numpy as np
 
@@ -117,6 +118,32 @@ def places_of_rune(number: int) -> tuple[np.ndarray, np.ndarray]:
     shown = (word_of_rune(number)[:, None].astype(int) + 1) >> np.array([2, 1, 0]) & 1
     sector, circle = np.nonzero(shown)
     return sector, circle
+
+
+def nearest_rune(symbols: np.ndarray) -> tuple[int, int, int]:
+    """The tag whose word, in one of its turns, agrees best with the symbols (43,) seen, -1 where none is seen: its
+    number, which sector is the word's first, and how many symbols agree.
+
+    The generator reads alike from both ends, so that a tag's mirror image is another tag, which may be in the table.
+    """
+    turns = (np.arange(SECTORS)[:, None] + np.arange(SECTORS)) % SECTORS
+    shown = (symbols[turns][..., None] == np.arange(SYMBOLS)).reshape(SECTORS, -1).astype(np.float32)
+    alike = _as_bits() @ shown.T
+    row, first = np.unravel_index(int(alike.argmax()), alike.shape)
+    return int(rune_code().number[row]), int(first), int(alike[row, first])
+
+
+def chance_of_rune(seen: int, alike: int) -> float:
+    """How many of all tags, in all their turns, agree by chance in `alike` or more of so many symbols seen: those of a
+    word are as good as even dice, because any seven of them can be chosen."""
+    wrong = sum(comb(seen, k) * (SYMBOLS - 1) ** k for k in range(seen - alike + 1))
+    return TAGS * SECTORS * wrong / SYMBOLS**seen
+
+
+@cache
+def _as_bits() -> np.ndarray:
+    """(n, 43 * 7) which symbol stands where in each tag's word."""
+    return (rune_code().word[..., None] == np.arange(SYMBOLS)).reshape(TAGS, -1).astype(np.float32)
 
 
 def symbols_of(shown: np.ndarray) -> np.ndarray:
