@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 
 from testfield.camera.photograph import Photograph
 from testfield.detect.photograph import ON_WHITE, detect_in_photograph
-from testfield.detect.rune_dots import name_rune, read_runes
+from testfield.detect.rune_dots import _any, name_rune, read_runes
 from testfield.detect.target_spec import parse_target
 from testfield.scene.pattern_parts import RuneTagPart
 from testfield.targets.board_pattern import BoardPattern
@@ -190,6 +190,13 @@ def test_chance_agrees_with_a_word_as_often_as_counted() -> None:
     assert all(chance_of_rune(SECTORS, most) > 1e-4 for most in best)
     number = int(rune_code().number[4])
     assert nearest_rune(np.roll(word_of_rune(number), 9)) == (number, 9, SECTORS)
+
+
+@pytest.mark.parametrize(("seen", "wrong", "told"), [(14, 0, False), (17, 0, True), (28, 6, False), (43, 14, True)])
+def test_a_number_is_told_where_chance_would_not_bring_a_word_as_near(seen: int, wrong: int, told: bool) -> None:
+    word = word_of_rune(int(rune_code().number[600]))
+    symbols = np.where(np.arange(SECTORS) < seen, (word + (np.arange(SECTORS) < wrong)) % 7, -1)
+    assert (_any(symbols) is not None) == told
 
 
 def test_no_number_is_made_of_rubbish_or_of_a_quarter_of_a_tag() -> None:
