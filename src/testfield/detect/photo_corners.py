@@ -195,8 +195,8 @@ def _boards(target: TargetSpec, found: Corners) -> tuple[NominalBoard, ...]:
         patterns = [BoardPattern("tags", columns, rows, *sides, _names(target), target.first)]
     else:
         return ()
-    # Beyond the outermost edges there is paper: of squares half as much as between them.
-    beyond = target.square_mm - target.marker_mm if target.kind == "squares" else 0.0
+    # Beyond the outermost edges there is paper: of squares and tags half as much as between them.
+    beyond = target.square_mm - target.marker_mm if target.kind in ("squares", "tags") else 0.0
     return tuple(_board(pattern, 2 * pattern.half_mm + beyond) for pattern in patterns)
 
 
