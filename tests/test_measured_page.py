@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hand_made import HandMade
 
+from testfield.calibrate.settled import NOT_CONVERGED
 from testfield.detect.observations import MEASURED
 from testfield.measure.doubts import doubts_of
 from testfield.measure.photographs import Measurement
@@ -102,5 +103,10 @@ def test_what_fails_nothing_may_be_doubtful_and_says_each_reason(by_hand: HandMa
     scatter = replace(good, calibration=replace(good.calibration, sigma0=8.0))
     halves = replace(good, halves=Halves(3, (Difference("fx", 9.0, 2.0, 4.5, "px"),)))
     few = replace(good, calibration=replace(good.calibration, station_names=good.calibration.station_names[:1]))
-    assert [len(doubts_of(one)) for one in (scatter, halves, few)] == [1, 1, 1]
+    creeping = replace(good, calibration=replace(good.calibration, notes=(f"{NOT_CONVERGED} after 60 steps",)))
+    field = replace(good, calibration=replace(good.calibration, misfit={"rms_px": 5.2}))
+    unread = replace(good, unread=tuple(f"{k}.jpg" for k in range(len(good.calibration.station_names))))
+    assert [len(doubts_of(one)) for one in (scatter, halves, few, creeping, field, unread)] == [1] * 6
+    assert not doubts_of(replace(good, calibration=replace(good.calibration, misfit={"rms_px": 0.3})))
+    assert "5.2 px" in doubts_of(field)[0] and "--lens" in doubts_of(field)[0]
     assert "8.0" in doubts_of(scatter)[0] and "4.5" in doubts_of(halves)[0]

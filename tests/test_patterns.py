@@ -19,6 +19,7 @@ from testfield.camera.project import directions
 from testfield.cli.main import main
 from testfield.detect.photo_corners import as_printed
 from testfield.detect.target_spec import parse_target
+from testfield.measure.observed import read_observed
 from testfield.measure.patterns import board_pattern
 from testfield.reconstruct.points import Points
 from testfield.targets.board_pattern import BoardPattern
@@ -142,6 +143,9 @@ def test_what_detect_wrote_measures_as_the_images_do(tmp_path: Path, capsys: pyt
         assert main([*measuring, "--out", str(out)]) == 0
         assert off(out)[0] < 18.5
     (seen / "detection.json").unlink()
+    # A measurement tells its images' size, too.
+    assert set(read_observed(seen, parse_target(kind), ()).sizes) == {(WIDTH, HEIGHT)}
+    (seen / "measurement.json").unlink()
     capsys.readouterr()
     assert main([*measuring, "--out", str(tmp_path / "again")]) == 2
     assert "how large" in capsys.readouterr().err
@@ -161,7 +165,7 @@ def with_exif(path: Path, model: str, focal_mm: float, film_mm: int, size: tuple
     [
         (("One", 24.0, 36), ("24 mm", "18 mm")),  # zoomed
         (("Two", 18.0, 27), ("Maker One", "Maker Two")),
-        (("One", 18.0, 27, (48, 64)), ("64 x 48", "48 x 64")),
+        (("One", 18.0, 27, (48, 64)), ("64 x 48", "48 x 64", "turn them back")),
     ],
 )
 def test_another_camera_or_zoom_is_an_error_that_lists_the_frames(

@@ -17,6 +17,7 @@ from testfield.calibrate.misclosure import U_DIAMETER
 from testfield.calibrate.quality import residual_test
 from testfield.calibrate.rejections import lost_images, of_ties
 from testfield.calibrate.self_job import FreeNetwork, Job
+from testfield.calibrate.settled import NOT_CONVERGED
 from testfield.calibrate.ties import LEAST_COMMON, LEAST_RAYS, Ties, point_name
 from testfield.camera.interior import MODE
 from testfield.camera.pose import Poses
@@ -26,7 +27,7 @@ def doubts_of(job: Job, adjustment: Adjustment) -> list[str]:
     """Sentences on what an adjustment leaves weak."""
     notes = []
     if not adjustment.converged:
-        notes.append(f"the bundle had not converged after {adjustment.steps} steps")
+        notes.append(f"{NOT_CONVERGED} after {adjustment.steps} steps")
     labels = job.labels
     normal = adjustment.equations.reduced(0.0)[0]
     inverse = Factor(normal, labels, open_motions(adjustment.network)[0]).inverse()

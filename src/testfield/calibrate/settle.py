@@ -19,7 +19,7 @@ from testfield.calibrate.misfit import (
     widened,
     widened_by_images,
 )
-from testfield.calibrate.settled import REJECT_SIGMA, Settled, residual_sizes
+from testfield.calibrate.settled import NOT_CONVERGED, REJECT_SIGMA, Settled, residual_sizes
 from testfield.calibrate.sheets import (
     FEW,
     tested_bars,
@@ -248,7 +248,7 @@ def _names(start: Start, rows: Observations) -> list[str]:
 
 
 def _doubts(adjustment: Adjustment) -> list[str]:
-    return [] if adjustment.converged else [f"the bundle had not converged after {adjustment.steps} steps"]
+    return [] if adjustment.converged else [f"{NOT_CONVERGED} after {adjustment.steps} steps"]
 
 
 def _coarse_unknowns(interior: Interior) -> np.ndarray:

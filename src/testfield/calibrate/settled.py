@@ -7,6 +7,8 @@ import numpy as np
 from testfield.adjust.bundle import Adjustment
 from testfield.calibrate.misfit import NO_MISFIT, Misfit
 
+NOT_CONVERGED = "the bundle had not converged"
+"""How the note begins that tells it."""
 REJECT_SIGMA = 6.0
 """An observation is rejected whose residual is larger than this many of its own standard deviations."""
 

@@ -149,7 +149,8 @@ def _measure(args: argparse.Namespace) -> int:
         # The header may be of the image before it was cropped or reduced.
         result = measured(focal_px=None, patterns=patterns)
     trouble += unlike_exif(result.calibration.interior.fx, told)
-    result = replace(result, calibration=replace(result.calibration, notes=(*trouble, *result.calibration.notes)))
+    noted = replace(result.calibration, notes=(*trouble, *result.calibration.notes))
+    result = replace(result, calibration=noted, unread=tuple(path.name for path in seen.unreadable))
     summary = write_measurement(result, field, out, tuple(str(p) for p in args.images or [args.observations]))
     for title, value in summary["figures"]:
         print(f"{title:<48} {value}", file=say)

@@ -3,6 +3,7 @@
 from enum import Enum
 from typing import Any
 
+from testfield.calibrate.settled import NOT_CONVERGED
 from testfield.camera.images import Frame
 from testfield.chain.recipe import recipe_of
 from testfield.chain.run import Run
@@ -25,9 +26,6 @@ from testfield.score.several import score_cameras
 from testfield.store.digests import digest
 from testfield.store.memory import peak_memory
 from testfield.store.threads import one_blas_thread
-
-NOT_CONVERGED = "had not converged"
-"""What a calibration's notes say where its adjustment ended before it was at rest."""
 
 
 class Until(Enum):

@@ -16,6 +16,8 @@ from testfield.store.sheets import read_json
 
 BESIDE = "detection.json"
 """What lies beside the table: the sizes of the images, and what was looked for."""
+MEASURED = "measurement.json"
+"""The same beside a table that `testfield measure` wrote."""
 
 
 @dataclass(frozen=True)
@@ -82,12 +84,12 @@ def _sizes(table: Path, stations: tuple[str, ...], size_px: tuple[int, int] | No
     if size_px is not None:
         return [size_px] * len(stations)
     beside = table.parent / BESIDE
-    told = _told(beside) if beside.is_file() else {}
+    told = _told(beside) if beside.is_file() else _told_of_cameras(table.parent / MEASURED, stations)
     if missing := [name for name in stations if name not in told]:
         raise TestfieldError(
             f"nobody says how large image '{missing[0]}' is",
             str(beside if beside.is_file() else table),
-            "give --size-px WIDTHxHEIGHT, or the folder that `testfield detect` wrote",
+            "give --size-px WIDTHxHEIGHT, or the folder that `testfield detect` or `testfield measure` wrote",
         )
     return [told[name] for name in stations]
 
@@ -102,6 +104,21 @@ def _told(path: Path) -> dict[str, tuple[int, int]]:
         if isinstance(size, list) and len(size) == 2 and all(isinstance(v, int) and 0 < v < 1e6 for v in size):
             answer[str(image.get("image"))] = (size[0], size[1])
     return answer
+
+
+def _told_of_cameras(path: Path, stations: tuple[str, ...]) -> dict[str, tuple[int, int]]:
+    """The size that all cameras of a measurement share, for each image; empty where they differ or no file tells."""
+    content: Any = read_json(path) if path.is_file() else {}
+    if not isinstance(content, dict):
+        return {}
+    cameras = content.get("cameras")
+    each = list(cameras.values()) if isinstance(cameras, dict) else [content]
+    interiors = [one.get("interior") if isinstance(one, dict) else None for one in each]
+    sizes = {(one.get("width_px"), one.get("height_px")) if isinstance(one, dict) else None for one in interiors}
+    size = sizes.pop() if len(sizes) == 1 else None
+    if size is None or not all(isinstance(v, int) and 0 < v < 1e6 for v in size):
+        return {}
+    return {name: (int(size[0]), int(size[1])) for name in stations}  # type: ignore[arg-type]
 
 
 def parse_size(text: str, where: str) -> tuple[int, int]:

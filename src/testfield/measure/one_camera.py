@@ -10,6 +10,10 @@ from testfield.errors import TestfieldError
 
 UNLIKE = 1.25
 """Ratio of focal lengths that no rounding of the 35 mm equivalent explains."""
+TURNED = (
+    "some are upright and others across: where one camera took them, turn them back as its sensor had them "
+    "(without loss, all one way); else "
+)
 NAMED = 12
 """Names of photographs in a group beyond which only their number is told."""
 
@@ -41,10 +45,12 @@ def check_one_camera(headers: Sequence[Header]) -> None:
         groups.sort(key=len, reverse=True)
         said = "; ".join(f"{_names(group)}: {_widest(group).said}" for group in groups)
         whose = f" of camera '{camera}'" if camera else ""
+        sizes = {header.exif.size_px for header in own}
+        turned = "" if all((h, w) not in sizes or w == h for w, h in sizes) else TURNED
         raise TestfieldError(
             f"the photographs{whose} are by {len(groups)} cameras, or zoomed or cropped in between: {said}",
-            do="give each camera a folder of its own and --by-folder, or [[cameras]] in the field file; a zoom lens is "
-            "another camera at every focal length; leave out what does not belong",
+            do=f"{turned}give each camera a folder of its own and --by-folder, or [[cameras]] in the field file; "
+            "a zoom lens is another camera at every focal length; leave out what does not belong",
         )
 
 

@@ -40,7 +40,8 @@ LEAST_TOLERANCE_PX, MOST_TOLERANCE_PX = 0.3, 3.0
 @dataclass(frozen=True)
 class Measurement:
     """What photographs gave: `observations` whose `point` is the row in `points`, `calibration`, `points` (codes, and
-    dots without one under negative numbers), `lengths`, `datum` in words, `halves` of the photographs compared."""
+    dots without one under negative numbers), `lengths`, `datum` in words, `halves` of the photographs
+    compared. `unread` are photographs that were given and could not be read."""
 
     observations: Observations
     calibration: Calibration
@@ -48,6 +49,7 @@ class Measurement:
     lengths: tuple[Length, ...]
     datum: str
     halves: Halves = NO_HALVES
+    unread: tuple[str, ...] = ()
 
     @property
     def uncoded(self) -> int:

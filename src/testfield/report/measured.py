@@ -58,6 +58,7 @@ def write_measurement(result: Measurement, field: FieldFile, folder: Path, image
         "field": field.name,
         "images": list(result.observations.stations),
         "joined": list(result.calibration.station_names),
+        "unread": list(result.unread),
         "datum": result.datum,
         "figures": _figures(result),
         "interior": result.calibration.interior.without_modes.to_json(),
@@ -119,7 +120,7 @@ def _figures(result: Measurement) -> list[tuple[str, str]]:
     o = result.observations
     seen = int((o.status == MEASURED).sum())
     rows = [
-        ("images joined, of those given", f"{len(c.station_names)} of {len(o.stations)}"),
+        ("images joined, of those given", f"{len(c.station_names)} of {len(o.stations) + len(result.unread)}"),
         ("targets measured; used", f"{seen}; {c.used}"),
         ("reprojection, rms", f"{c.reprojection_rms_px:.4f} px"),
         ("scatter over claim (sigma0)", f"{c.sigma0:.2f}"),
