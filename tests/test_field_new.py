@@ -19,6 +19,7 @@ from testfield.measure.photographs import measure
 from testfield.measure.proposed_field import planes, propose
 from testfield.measure.proposed_text import field_text
 from testfield.measure.settings import arranged
+from testfield.measure.single_tags import as_coded
 from testfield.scene.frames import camera_looking
 from testfield.targets.field_file import FieldFile, load_field_file
 
@@ -119,6 +120,27 @@ def test_boards_that_were_moved_are_told_apart_and_keep_their_shape(tmp_path: Pa
         true = next(flat for codes, flat in boards().values() if codes[0] == group.code[0])
         ratio = pdist(group.xyz) / pdist(true)
         assert np.ptp(ratio) < 0.002 * ratio.mean()
+
+
+@pytest.mark.slow
+def test_single_tags_that_were_moved_are_boards_by_their_corners_and_are_measured(
+    tmp_path: Path, no_halves: None
+) -> None:
+    names, found = photographed()
+    tags = []
+    for one in found:  # four codes are the corners of one tag, five tags' numbers a board's
+        board, k = np.divmod(one.observations.code - 1, 20)
+        tags.append(replace(one, observations=replace(one.observations, code=5 * board + k // 4, point=k % 4)))
+    kind = "aruco:DICT_4X4_50"
+    proposal = propose(names, as_coded(tags)[0], SIZE)
+    assert sorted(sorted(group.code.tolist()) for group in proposal.groups) == [
+        [10 * tag + c for tag in range(5 * board, 5 * board + 4) for c in (1, 2, 3, 4)] for board in range(3)
+    ]
+    file = tmp_path / "FIELD.toml"
+    file.write_text(field_text(proposal, {"kind": kind}, "tags"), encoding="utf-8")
+    result = measure(names, tags, SIZE, load_field_file(file), parse_target(kind))
+    assert len(result.calibration.station_names) == len(names)
+    assert len(result.calibration.rejected) <= 0.01 * result.calibration.used
 
 
 def test_where_nothing_moved_each_plane_is_a_board() -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from testfield.cli.knobs import add_knobs, knobs_of
+from testfield.cli.refuse import refuse
 from testfield.registry import names
 
 
@@ -20,12 +21,16 @@ def add(commands: Any) -> None:
     p = kinds.add_parser(
         "new",
         help="propose a field file from what photographs show",
-        description="Photographs of ring codes by one camera. Codes that move rigidly together, or lie in one plane, "
-        "are proposed as boards, with approximate places; one distance between two codes is to be filled in.",
+        description="Photographs of ring codes, CCTags or single tags by one camera. Codes that move rigidly together, "
+        "or lie in one plane, are proposed as boards, with approximate places; one distance between two codes is to be filled in.",
     )
     p.add_argument("images", type=Path, nargs="+", metavar="IMAGE", help="images, or folders of them")
     p.add_argument(
-        "--target", default="ring14", metavar="KIND", help="ring codes: ring12, ring14 ... (default: ring14)"
+        "--target",
+        default="ring14",
+        metavar="KIND",
+        help="ring codes: ring12, ring14 ...; CCTags: cctag:3; single tags: aruco:DICT_4X4_50, apriltag:36h11 "
+        "(default: ring14)",
     )
     p.add_argument("--radii", metavar="A:B:C", help="shape of the rings (default: 1:2:3)")
     p.add_argument("--codes", metavar="TABLE", help="table of the rings' numbers: a file, or the name of a shipped one")
@@ -65,6 +70,8 @@ def _propose(args: argparse.Namespace) -> int:
     from testfield.measure.one_camera import check_one_camera, focal_of
     from testfield.measure.proposed_field import propose
     from testfield.measure.proposed_text import field_text
+    from testfield.measure.single_tags import KINDS as SINGLE_TAGS
+    from testfield.measure.single_tags import as_coded
     from testfield.report.proposed_field import draw_board, draw_photograph
     from testfield.store.atomic import whole
     from testfield.store.text import write_text
@@ -73,12 +80,14 @@ def _propose(args: argparse.Namespace) -> int:
     from testfield.targets.marks import USUAL, ring_radii
 
     target = parse_target(args.target, "--target")
-    if target.kind != "ring":
+    if target.kind not in ("ring", "cctag", *SINGLE_TAGS):
         raise TestfieldError(
             f"'{args.target}' has no numbers to be grouped",
             "--target",
-            "name ring codes; a board says all by its print",
+            "name ring codes, CCTags or single tags; a board says all by its print",
         )
+    if target.kind != "ring":
+        refuse(args, f"targets of the kind '{target.kind}'", dict.fromkeys(("radii", "codes")))
     hold = held_of(args.hold, args.lens)
     radii = args.radii or USUAL
     try:
@@ -98,6 +107,9 @@ def _propose(args: argparse.Namespace) -> int:
     if not seen.found:
         raise TestfieldError("no image can be read", str(args.images[0]), "give photographs")
     labels, found, sizes = seen.names, seen.found, seen.sizes_px
+    if target.kind in SINGLE_TAGS:  # each corner is a point with a code of its own
+        found, notes = as_coded(found)
+        print(*notes, sep="\n", end="\n" if notes else "")
     check_one_camera(decoded_of(labels, None, sizes))
     size = Counter(sizes).most_common(1)[0][0]
     proposal = propose(tuple(labels), found, size, args.lens, hold, args.focal_px or focal_of(headers))

@@ -91,8 +91,9 @@ def measure(
     moved: tuple[str, ...] = ()
     if target.kind in SINGLE_TAGS and not patterns:
         found, moved = as_coded(found)
-    if field.groups and taken is None and target.kind == "ring" and not patterns:
-        found, field, moved = in_settings(names, found, size_px, field, lens, hold, focal_px)
+    if field.groups and taken is None and target.kind in ("ring", "cctag", *SINGLE_TAGS) and not patterns:
+        found, field, said = in_settings(names, found, size_px, field, lens, hold, focal_px)
+        moved += said
 
     def some(images: np.ndarray, focal_px: float | None, misfit: Misfit | None) -> Measurement:
         chosen = tuple(names[k] for k in images), [found[k] for k in images]

@@ -78,5 +78,6 @@ def odd_sizes(points: Points, target: TargetSpec) -> list[str]:
     if len(sides) < 3:
         return []
     size = target.marker_mm if target.sized else float(np.median(list(sides.values())))
-    odd = [f"{tag} by {side / size - 1:+.0%}" for tag, side in sides.items() if abs(side / size - 1) > OTHER_SIZE]
+    off = {tag % (TIME // A_TAG): side / size - 1 for tag, side in sides.items()}
+    odd = [f"{tag} by {part:+.0%}" for tag, part in off.items() if abs(part) > OTHER_SIZE]
     return [f"{len(odd)} of {len(sides)} tags differ in size from {size:.4g}: {', '.join(odd[:8])}"] if odd else []
