@@ -22,7 +22,8 @@ def add(commands: Any) -> None:
         "new",
         help="propose a field file from what photographs show",
         description="Photographs of ring codes, CCTags or single tags by one camera. Codes that move rigidly together, "
-        "or lie in one plane, are proposed as boards, with approximate places; one distance between two codes is to be filled in.",
+        "or lie in one plane, are proposed as boards, with approximate places; one distance between two codes is to be "
+        "filled in.",
     )
     p.add_argument("images", type=Path, nargs="+", metavar="IMAGE", help="images, or folders of them")
     p.add_argument(
