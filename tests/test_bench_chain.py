@@ -13,6 +13,7 @@ ROOT = Path(__file__).parents[1]
 TINY = ROOT / "tests" / "torture" / "tiny.toml"
 
 
+@pytest.mark.slow
 def test_a_checkout_run_beside_itself_takes_the_time_that_its_stages_take() -> None:
     found = bench_chain(TINY, ROOT, 1, lambda _: None)
     for side in (found[OURS], found[THEIRS]):

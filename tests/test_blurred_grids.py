@@ -17,7 +17,10 @@ KIND = next(kind for kind in KINDS if kind.name == "circles")
 SPEC = parse_target(KIND.word)
 
 
-@pytest.mark.parametrize(("size_px", "blur_px"), [(7.0, 1.2), (7.0, 2.0), (10.0, 3.0)])
+@pytest.mark.parametrize(
+    ("size_px", "blur_px"),
+    [(7.0, 2.0), pytest.param(7.0, 1.2, marks=pytest.mark.slow), pytest.param(10.0, 3.0, marks=pytest.mark.slow)],
+)
 def test_every_dot_of_a_blurred_grid_is_found_and_as_near_as_it_states(size_px: float, blur_px: float) -> None:
     picture = drawn(KIND, replace(View(size_px), blur_px=blur_px), 1)
     found = detect_in_photograph(Photograph("drawn", picture.image.astype(np.float32), 8, ()), SPEC).observations

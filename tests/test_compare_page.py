@@ -173,6 +173,7 @@ def test_on_paper_there_are_drawings_and_whole_tables(page: Any, made: tuple[Pat
     assert 3 <= len(re.findall(rb"/Type\s*/Page\b", sheets)) <= 15
 
 
+@pytest.mark.slow
 def test_ten_recipes_on_ten_scenes_take_less_than_five_megabytes(tmp_path: Path) -> None:
     path, _ = made_page(made_comparison(10, 10, 2, (APERTURE,)), tmp_path)
     assert path.stat().st_size < 5e6

@@ -110,7 +110,7 @@ def off(folder: Path) -> tuple[float, np.ndarray]:
     return float(error @ np.linalg.solve(cov, error)), np.sqrt(np.diag(cov))
 
 
-SLOW = ("tags", "aprilgrid", "circles", "runetag")
+SLOW = ("tags", "aprilgrid", "circles", "acircles", "hexcircles", "runetag")
 """Kinds of which the parts are tested elsewhere, too."""
 
 
