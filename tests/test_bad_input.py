@@ -211,7 +211,13 @@ def test_a_wrong_exposure_is_warned_of_with_level_and_advice(
 SHIPPED = sorted(path.stem for path in SCENES.glob("*.toml"))
 
 
-@pytest.mark.parametrize("name", SHIPPED)
+LARGE = ("one_part_in_a_million", "camera_cell")
+"""Scenes whose light takes ten seconds each."""
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] if name in LARGE else []) for name in SHIPPED]
+)
 def test_the_scenes_that_come_along_are_well_exposed(name: str, capsys: pytest.CaptureFixture) -> None:
     assert main(["validate", str(SCENES / f"{name}.toml")]) == 0
     assert "exposure" not in capsys.readouterr().err

@@ -168,7 +168,7 @@ def _painted(circles: list[tuple[int, int, np.ndarray]]) -> np.ndarray:
     return cv2.GaussianBlur(sharp, (0, 0), 0.7)
 
 
-@pytest.mark.parametrize("crowns", [3, 4])
+@pytest.mark.parametrize("crowns", [pytest.param(3, marks=pytest.mark.slow), 4])
 def test_edges_a_little_beside_those_of_a_tag_are_no_tag(crowns: int) -> None:
     """The rings of a tag with one edge in the middle of two that a table knows, or one crown too many or too few."""
     rng, table = np.random.default_rng(crowns), crown_radii(crowns)
@@ -202,7 +202,7 @@ def test_a_tag_that_is_cut_or_hidden_in_part_has_its_own_number_or_none() -> Non
         assert np.abs(found.xy_px - at[nearest]).max(initial=0) < 0.1
 
 
-@pytest.mark.parametrize("crowns", [3, 4])
+@pytest.mark.parametrize("crowns", [3, pytest.param(4, marks=pytest.mark.slow)])
 def test_tags_in_a_jpeg_of_quality_70_are_named_and_measured(crowns: int) -> None:
     pattern, H = BoardPattern("cctag", 4, 3, 92.0, 80.0, first_tag=12, crowns=crowns), homography(25, 0.95)
     done, bytes_ = cv2.imencode(".jpg", drawn(pattern, H, 2.0).astype(np.uint8), [cv2.IMWRITE_JPEG_QUALITY, 70])

@@ -62,7 +62,7 @@ def page(browser: Any, made: tuple[Path, Compared]) -> Iterator[Any]:
     shown.close()
 
 
-@pytest.mark.parametrize("scenes", [1, 3])
+@pytest.mark.parametrize("scenes", [pytest.param(1, marks=pytest.mark.slow), 3])
 def test_it_needs_no_network_and_nothing_goes_wrong(
     browser: Any, made: tuple[Path, Compared], scenes: int, tmp_path: Path
 ) -> None:
@@ -137,7 +137,7 @@ def test_a_click_on_a_head_sorts_the_table(page: Any, made: tuple[Path, Compared
     assert values() == sorted(values(), reverse=True)
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("scheme", [pytest.param("light", marks=pytest.mark.slow), "dark"])
 def test_it_can_be_read_by_day_and_by_night(browser: Any, made: tuple[Path, Compared], scheme: str) -> None:
     shown = opened(browser, made[0], color_scheme=scheme)
 

@@ -98,6 +98,7 @@ def test_what_is_no_package_is_refused(package: str) -> None:
         environment_of((package,))
 
 
+@pytest.mark.slow
 def test_one_that_was_left_half_made_is_made_again(wheel: Callable[[str], Path]) -> None:
     packages = (str(wheel("3.5")),)
     half = folder_of(packages)
