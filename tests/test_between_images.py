@@ -57,7 +57,7 @@ def test_what_is_stated_is_true_where_a_board_bends_otherwise_in_every_image() -
     before, after = [], []
     for draw in range(16):
         scattered, _ = widened(adjusted(draw, 1.0), names)
-        honest, misfit, said = widened_by_images(scattered, NO_MISFIT, None)
+        honest, misfit, said = widened_by_images(scattered, NO_MISFIT, None, True)
         assert misfit.between > 1
         assert said
         before.append(nees(scattered))
@@ -102,7 +102,7 @@ def test_what_is_stated_of_points_and_lengths_is_true_where_the_lens_is_another_
     camera, points, lengths, factors = [], [], [], []
     for draw in range(8):
         truth, scattered = of_loose_points(draw, 0.05)
-        honest, misfit, _ = widened_by_images(scattered, NO_MISFIT, None)
+        honest, misfit, _ = widened_by_images(scattered, NO_MISFIT, None, True)
         factors.append(misfit.between)
         camera.append((nees(scattered, plain_labels), nees(honest, plain_labels)))
         of_points, of_lengths = points_nees(honest, truth)
@@ -126,6 +126,6 @@ def test_what_was_known_before_is_not_widened_with_the_images() -> None:
 
 def test_some_of_the_images_take_the_factor_of_all() -> None:
     found = adjusted(1, 0.0)
-    wide, misfit, _ = widened_by_images(found, NO_MISFIT, Misfit(between=4.0))
+    wide, misfit, _ = widened_by_images(found, NO_MISFIT, Misfit(between=4.0), True)
     assert misfit.between == 4
     assert np.allclose(np.diag(wide.covariance)[:4], 4 * np.diag(found.covariance)[:4], rtol=0.02)

@@ -206,6 +206,18 @@ def test_halves_tell_a_true_uncertainty_from_one_that_is_too_small() -> None:
     assert sorted([*a, *b]) == list(range(7))
 
 
+def test_a_widened_field_is_known_no_worse_than_before_and_halves_may_share_it() -> None:
+    _, plain = observed(0.1, 1, images=5)
+    found, factor = followed(plain, misfit_of(plain, names, plain.freedom)), 9.0
+    wide = found.cov.widened(found.network, factor).reduced
+    amounts = np.array([name.startswith("field:") for name in names(found.network)])
+    across = wide[np.ix_(~amounts, amounts)]
+    assert np.linalg.eigvalsh(wide[np.ix_(amounts, amounts)]).max() < factor * (1 + 1e-9)
+    left = wide[np.ix_(~amounts, ~amounts)] - across @ across.T / factor
+    size = np.sqrt(np.diag(wide)[~amounts])
+    assert np.linalg.eigvalsh(left / np.outer(size, size)).min() > -1e-9
+
+
 def test_too_few_residuals_are_not_asked() -> None:
     _, plain = observed(0.3, 0)
     assert lens_misfit(plain.network, names(plain.network), 10) is None

@@ -13,6 +13,7 @@ from testfield.adjust.known import add_distances, add_what_was_known
 from testfield.adjust.network import Network
 from testfield.adjust.normal import NormalEquations
 from testfield.adjust.side_by_side import side_by_side
+from testfield.camera.interior import MODE
 from testfield.store.threads import one_blas_thread
 
 TILE = 256
@@ -49,9 +50,14 @@ class Covariance:
     @one_blas_thread()
     def widened(self, network: Network, factor: float) -> "Covariance":
         """The same where what observations of an adjusted `network` do to the reduced unknowns, but not what was known
-        before, has `factor` times the variance. What points have by themselves stays: their rays' own errors."""
+        before, has `factor` times the variance. What points have by themselves stays: their rays' own errors. The
+        amounts of a lens' smooth field were known to 0 +- sqrt(`factor`)."""
         D, layout = np.zeros_like(self._inverse), self._equations.structure.layout
         add_what_was_known(D, np.zeros(len(D)), layout, network)
+        for first, camera in zip(layout.camera, network.cameras, strict=False):
+            names = np.array(camera.interior.names)[camera.unknown]
+            amounts = first + np.flatnonzero(np.char.startswith(names.astype(str), MODE))
+            D[amounts, amounts] = 0
         add_distances(D, np.zeros(len(D)), layout, network)
         told = np.flatnonzero(network.information.any(axis=(1, 2)) & (self._kept_at < 0))
         for first in range(0, len(told), TILE):

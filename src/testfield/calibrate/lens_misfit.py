@@ -63,18 +63,21 @@ GRID = 24
 class LensMisfit:
     """A field that residuals show: standard deviation `s_px` in each axis, `length_px`, `variance` of what is white
     beside it, in units of what observations claim, and the `rise` of twice the log likelihood. `modes_px`
-    (q, 2, d, d): fields whose amounts have standard deviations of 1."""
+    (q, 2, d, d): fields whose amounts have standard deviations of the root of `between`, the factor by which images
+    contradict each other: known to 0 +- 1 beside observations that err as they scatter, they are weighted as if these
+    erred so much more."""
 
     s_px: float
     length_px: float
     variance: float
     rise: float
     modes_px: np.ndarray
+    between: float = 1.0
 
     @property
     def rms_px(self) -> float:
         """The displacement that is expected, root mean square over the image, without its lowest modes."""
-        return float(np.sqrt(mean_squares(self.modes_px).sum()))
+        return float(np.sqrt(self.between * mean_squares(self.modes_px).sum()))
 
     @property
     def note(self) -> str:
@@ -95,7 +98,7 @@ class LensMisfit:
             "variance": self.variance,
             "rise": self.rise,
             "modes": len(self.modes_px),
-        }
+        } | ({"field_between": self.between} if self.between > 1 else {})
 
 
 def lens_misfit(network: Network, labels: list[str], freedom: int, between: float = 1.0) -> LensMisfit | None:
@@ -117,8 +120,8 @@ def lens_misfit(network: Network, labels: list[str], freedom: int, between: floa
     claimed = float(np.sqrt(np.median(np.trace(network.cov_px2, axis1=1, axis2=2)) / 2))
     if rise < SIGNIFICANT or s < UNSEEN * claimed:
         return None
-    modes = s * np.tensordot(prior_root(*size, part).T, _functions(), 1)
-    return LensMisfit(s, part * float(np.hypot(*size)), variance, rise, modes)
+    modes = s / np.sqrt(between) * np.tensordot(prior_root(*size, part).T, _functions(), 1)
+    return LensMisfit(s, part * float(np.hypot(*size)), variance, rise, modes, between)
 
 
 def with_lens_misfit(network: Network, misfit: LensMisfit, name: Callable[[Network], list[str]]) -> Network:

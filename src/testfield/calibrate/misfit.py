@@ -64,7 +64,9 @@ class Misfit:
         card, modes = calibration.misfit, calibration.interior.modes_px
         lens = None
         if modes is not None:
-            lens = LensMisfit(card["s_px"], card["length_px"], card["variance"], card["rise"], modes)
+            lens = LensMisfit(
+                card["s_px"], card["length_px"], card["variance"], card["rise"], modes, card.get("field_between", 1.0)
+            )
         return Misfit(lens, card.get("unflat_mm", 0.0), card.get("widened", 1.0), card.get("between_images", 1.0))
 
     def applied(self, network: Network, names: Names) -> Network:
@@ -143,15 +145,16 @@ def widened(adjustment: Adjustment, names: Names) -> tuple[Adjustment, float]:
 
 
 def widened_by_images(
-    adjustment: Adjustment, misfit: Misfit, given: Misfit | None
+    adjustment: Adjustment, misfit: Misfit, given: Misfit | None, empirical: bool
 ) -> tuple[Adjustment, Misfit, list[str]]:
     """The adjustment with covariances that hold what differs from image to image, the misfit with that, and what a
     reader is told. Of some of the images the factor of all of them, if it is `given`: few images say little of it.
 
     What is widened are the unknowns that many observations of an image share, and points as far as they follow them:
-    one point has one ray from an image, in whose scatter everything is, and images agree on where it lies."""
-    seen = None if given else between_images(adjustment)
-    factor = given.between if given else seen.excess if seen else 1.0
+    one point has one ray from an image, in whose scatter everything is, and images agree on where it lies. The camera
+    is asked where uncertainties are `empirical`; on the lens' field images were asked when it was found."""
+    seen = between_images(adjustment) if empirical and not given else None
+    factor = given.between if given else max(seen.excess if seen else 1.0, misfit.lens.between if misfit.lens else 1.0)
     if factor > 1:
         adjustment = replace(adjustment, cov=adjustment.cov.widened(adjustment.network, factor))
     said = [

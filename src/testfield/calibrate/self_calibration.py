@@ -208,8 +208,8 @@ def settled(job: Job, hold: tuple[str, ...], empirical: bool, misfit: Misfit | N
         factor *= more
     if factor > 1:
         notes.append(scatter_note(factor))
-    if empirical:
-        adjustment, misfit, said = widened_by_images(adjustment, misfit, given)
+    if empirical or misfit.found:
+        adjustment, misfit, said = widened_by_images(adjustment, misfit, given, empirical)
         notes = [*notes, *said]
     again = tuple(
         replace(now, u=before.u, u_aspect=before.u_aspect)

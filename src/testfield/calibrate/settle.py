@@ -70,8 +70,8 @@ def settled(start: Start, rows: Observations, empirical: bool = False, misfit: M
             last = replace(last, adjustment=adjustment, widened=factor * last.misfit.variance)
         if last.widened > 1:
             last = replace(last, notes=[*last.notes, scatter_note(last.widened)])
-        if empirical:
-            adjustment, own, said = widened_by_images(last.adjustment, last.misfit, misfit)
+        if empirical or last.misfit.found:
+            adjustment, own, said = widened_by_images(last.adjustment, last.misfit, misfit, empirical)
             last = replace(last, adjustment=adjustment, misfit=own, notes=[*last.notes, *said])
     except TestfieldError as error:
         reasons = doubts_of_geometry(start.network, start)

@@ -117,7 +117,7 @@ def measure(
         one = some(np.array([k for k, place in enumerate(places) if place in wanted]), focal, given)
         return one.calibration, one.points
 
-    return replace(whole, halves=compare_halves(len(units), half))
+    return replace(whole, halves=compare_halves(len(units), half, given.between))
 
 
 def _measured(

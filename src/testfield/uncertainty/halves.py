@@ -8,7 +8,8 @@ their results and the field's amounts, which were known to 0 +- 1 before, the di
 
     C1 + C2 - B1 B2' - B2 B1'
 
-because an amount's deviation from 0 moves each result by -B of it.
+because an amount's deviation from 0 moves each result by -B of it. Where covariances are widened by a factor F, the
+amounts were known to 0 +- sqrt(F), and a deviation moves a result by -B / F of it: the products are divided by F.
 """
 
 from collections.abc import Callable
@@ -77,8 +78,9 @@ def random_halves(images: int, split: int) -> tuple[np.ndarray, np.ndarray]:
     return np.sort(order[: images // 2]), np.sort(order[images // 2 :])
 
 
-def compare_halves(images: int, measure: Callable[[np.ndarray], Measured]) -> Halves:
-    """Halves measured by a function of their images' numbers, which may raise `TestfieldError` for one too weak."""
+def compare_halves(images: int, measure: Callable[[np.ndarray], Measured], between: float = 1.0) -> Halves:
+    """Halves measured by a function of their images' numbers, which may raise `TestfieldError` for one too weak; their
+    covariances are widened by the factor `between`, because images contradict each other."""
     if images < 2 * LEAST_IMAGES:
         return Halves(
             0, (), f"no check by halves of the images: {2 * LEAST_IMAGES} images are needed, {images} are there"
@@ -90,7 +92,7 @@ def compare_halves(images: int, measure: Callable[[np.ndarray], Measured]) -> Ha
         except (TestfieldError, np.linalg.LinAlgError) as error:
             failed = error.what if isinstance(error, TestfieldError) else str(error)
             continue
-        found.append(_apart(first, second))
+        found.append(_apart(first, second, between))
     note = f"{SPLITS - len(found)} of {SPLITS} splits of the images had a half too weak ({failed})" if failed else ""
     differences = []
     for quantity, unit in (*((name, "px") for name in COMPARED), ("points", "mm")):
@@ -112,27 +114,27 @@ def _doubt(differences: list[Difference]) -> str:
     )
 
 
-def _apart(a: Measured, b: Measured) -> dict[str, tuple[float, float, float]]:
+def _apart(a: Measured, b: Measured, between: float) -> dict[str, tuple[float, float, float]]:
     """By quantity: the difference, its uncertainty and the ratio of the two."""
     answer = {}
     for name in COMPARED:
         if name in a[0].labels and name in b[0].labels:
             difference = getattr(a[0].interior, name) - getattr(b[0].interior, name)
             at_a, at_b = a[0].index([name]), b[0].index([name])
-            u = float(np.sqrt(_covariance(a[0], b[0], at_a, at_b)[0, 0]))
+            u = float(np.sqrt(_covariance(a[0], b[0], at_a, at_b, between)[0, 0]))
             answer[name] = (difference, u, abs(difference) / u)
     points = _points_apart(a[1], b[1])
     return answer | ({} if points is None else {"points": points})
 
 
-def _covariance(a: Calibration, b: Calibration, at_a: np.ndarray, at_b: np.ndarray) -> np.ndarray:
+def _covariance(a: Calibration, b: Calibration, at_a: np.ndarray, at_b: np.ndarray, between: float) -> np.ndarray:
     """Of the difference of some unknowns, without what the halves share."""
     field_a, field_b = (np.array([k for k, name in enumerate(c.labels) if name.startswith(MODE)], int) for c in (a, b))
     own = a.covariance[np.ix_(at_a, at_a)] + b.covariance[np.ix_(at_b, at_b)]
     if len(field_a) != len(field_b) or not len(field_a):
         return own
     shared = a.covariance[np.ix_(at_a, field_a)] @ b.covariance[np.ix_(at_b, field_b)].T
-    return own - shared - shared.T
+    return own - (shared + shared.T) / between
 
 
 def _points_apart(a: Points, b: Points) -> tuple[float, float, float] | None:
