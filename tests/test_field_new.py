@@ -21,6 +21,7 @@ from testfield.measure.proposed_text import field_text
 from testfield.measure.settings import arranged
 from testfield.measure.single_tags import as_coded
 from testfield.scene.frames import camera_looking
+from testfield.targets.field import TIME
 from testfield.targets.field_file import FieldFile, load_field_file
 
 SIZE = (4096, 3000)
@@ -139,6 +140,7 @@ def test_single_tags_that_were_moved_are_boards_by_their_corners_and_are_measure
     file = tmp_path / "FIELD.toml"
     file.write_text(field_text(proposal, {"kind": kind}, "tags"), encoding="utf-8")
     result = measure(names, tags, SIZE, load_field_file(file), parse_target(kind))
+    assert len(set((result.points.code // TIME).tolist())) == 2  # what was moved has points of its own each time
     assert len(result.calibration.station_names) == len(names)
     assert len(result.calibration.rejected) <= 0.01 * result.calibration.used
 
