@@ -142,9 +142,11 @@ def _propose(args: argparse.Namespace) -> int:
     draw_photograph(read_photograph(seen.files[most]), found[most].observations, proposal, out / "photograph.png")
     c = proposal.network.calibration
     print(
-        f"images joined, of those given: {len(c.station_names)} of {len(labels)}; reprojection "
+        f"images joined, of those given: {len(c.station_names)} of {len(places)}; reprojection "
         f"{c.reprojection_rms_px:.3f} px; photograph with all numbers: {out / 'photograph.png'}"
     )
+    for path in seen.unreadable:
+        print(f"note: '{path.name}' cannot be read and is left out")
     for note in proposal.notes:
         print(f"note: {note}")
     a, b, _ = proposal.longest
