@@ -1172,12 +1172,12 @@ FAMILIES = [
     ),
     Defect(
         "hidden sectors count as wrong ones",
-        "_first_sector",
+        "_expected",
         "(read < 0).sum(axis=1)",
         "9 * (read < 0).sum(axis=1)",
         RUNE_HIDDEN,
     ),
-    Defect("any word is the tag's", "_first_sector", "cost[best] < APART", "cost[best] < 99", RUNE_OTHERS),
+    Defect("any word is the tag's", "_expected", "cost[best] < APART", "cost[best] < 99", RUNE_OTHERS),
     Defect(
         "the outer circle is no edge", "crown_radii", "np.ones(len(inner))", "np.full(len(inner), 1.01)", CCTAG_TABLES
     ),
