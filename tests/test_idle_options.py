@@ -29,6 +29,8 @@ RING = ["--target", "ring14"]
         (["plan", "quick", "--force"], "--force"),
         (["bench", "recall", "--hard", "--quick"], "--quick"),
         (["bench", "recall", "--hard", "--kinds"], "--kinds"),
+        (["bench", "recall", "--hard", "--pictures", "2"], "--pictures"),
+        (["bench", "recall", "--quick", "--out", "RUN"], "--out"),
     ],
 )
 def test_an_option_without_effect_is_refused_by_name(

@@ -42,7 +42,10 @@ def test_corners_of_squares_show_black_white_and_blur() -> None:
     assert found[2] == pytest.approx(np.hypot(BLUR_PX, np.sqrt(1 / 12)), rel=0.03)
 
 
-@pytest.mark.parametrize("kind", ["checkerboard:9x6:25", "charuco:7x5:DICT_4X4_50:30:22", "acircles:4x11:20:12"])
+@pytest.mark.parametrize(
+    "kind",
+    ["checkerboard:9x6:25", "charuco:7x5:DICT_4X4_50:30:22", "acircles:4x11:20:12", "hexcircles:6x7:26:15"],
+)
 def test_boards_of_the_scene_are_where_the_calibration_has_them(kind: str) -> None:
     field = field_of_target(kind)
     patterns = patterns_of(field, "here")

@@ -11,13 +11,23 @@ from testfield.sensor.expose import Sensor
 PITCH_UM, F_NUMBER, TIME_MS, WAVELENGTH_NM, EFFICIENCY = 3.45, 8.0, 10.0, 550.0, 0.5
 """What no image tells, and what cancels: light is made such that the electrons are those seen."""
 WHITE, LEAST_BLACK, MOST_WALL = 0.85, 0.005, 0.9
+"""Albedo of white, which no image tells either, and the limits of what is black and of the wall."""
 MOST_FIELD_PX, MOST_BLUR_PX = 5.0, 5.0
+"""What a scene takes."""
 
 
 def cameras(calibration: Calibration, seen: tuple[Seen, ...], notes: list[str]) -> dict[str, Any]:
     """The camera of a scene, or its several cameras, each with the sensor and the exposure that its `seen` asks for."""
-    if calibration.misfit.get("rms_px"):
+    field_px = calibration.misfit.get("rms_px", 0.0)
+    if field_px:
         notes.append("what the lens model did not follow is a smooth field of the same size, but drawn anew")
+    if field_px > MOST_FIELD_PX:
+        notes.append(
+            f"that field has {field_px:.2g} px rms; the twin's has {MOST_FIELD_PX:g} px, as scenes allow no more"
+        )
+    for one in seen:
+        if one.blur_px > MOST_BLUR_PX:
+            notes.append(f"blur of {one.blur_px:.2g} px is {MOST_BLUR_PX:g} px in the twin, as scenes allow no more")
     parts = [_camera(calibration, k, one) for k, one in enumerate(seen)]
     if not calibration.more_cameras:
         return {"camera": parts[0], "sensor": _sensor(seen[0]), "exposure": {"time_ms": TIME_MS}}

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import cKDTree
 
-from testfield.author.twin_shape import similarity
 from testfield.calibrate.calibration import Calibration
+from testfield.calibrate.similarity import similarity
 from testfield.detect.observations import MEASURED, Observations
 from testfield.reconstruct.points import Points
 from testfield.scene.build import build_world
@@ -111,7 +111,7 @@ def reasons(job: Measured, twin: Measured) -> list[str]:
     elif max(raw, 1 / raw) > ALIKE:
         said.append(
             "corrected for redundancy both scatter alike; the residuals differ because other targets control the codes "
-            "in the photographs than in the twin"
+            "in the photographs and in the twin"
         )
     return said
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from testfield.calibrate.calibration import Calibration
 from testfield.calibrate.self_calibration import free_network
+from testfield.calibrate.similarity import similarity
 from testfield.calibrate.ties import coded_ties
 from testfield.camera.pose import Poses
 from testfield.detect.observations import MEASURED, Observations
@@ -76,12 +77,3 @@ def shape_of(
             misfit=found.misfit,
         ),
     )
-
-
-def similarity(found: np.ndarray, target: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-    """Scale, rotation (3, 3) and shift (3,) that take points (n, 3) to others by least squares (Umeyama 1991)."""
-    a, b = found - found.mean(axis=0), target - target.mean(axis=0)
-    U, S, Vt = np.linalg.svd(b.T @ a)
-    D = np.diag([1, 1, np.sign(np.linalg.det(U @ Vt))])
-    scale, R = float((S * np.diag(D)).sum() / (a**2).sum()), U @ D @ Vt
-    return scale, R, target.mean(axis=0) - scale * R @ found.mean(axis=0)

@@ -30,6 +30,7 @@ from testfield.adjust.network import Layout
 from testfield.camera.interior import MODE
 
 LEAST_PLACES = 3
+"""What is done by two places adds up to nothing, so the one repeats what the other says."""
 CHANCE = 0.025
 """Probability with which images that agree are taken for such that do not."""
 

@@ -14,7 +14,8 @@ THIN = 1e-3
 
 
 def similarity(here: np.ndarray, target: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-    """Scale, rotation (3, 3) and shift (3,) that bring points (k, 3) nearest to their targets (k, 3)."""
+    """Scale, rotation (3, 3) and shift (3,) that bring points (k, 3) nearest to their targets (k, 3), by
+    least squares (Umeyama 1991)."""
     a, b = here - here.mean(axis=0), target - target.mean(axis=0)
     R = nearest_rotation(b.T @ a)
     scale = float((b * (a @ R.T)).sum() / max(float((a**2).sum()), 1e-300))

@@ -273,11 +273,13 @@ def _recall(args: argparse.Namespace) -> int:
     from testfield.bench.recall import bench_recall
     from testfield.cli.refuse import refuse
 
-    rendered = {"targets": 20000, "empty": 50}
+    rendered, of_kinds = {"targets": 20000, "empty": 50}, {"pictures": None, "out": None}
     if args.hard:
-        refuse(args, "curves of hard dots", rendered | {"quick": False, "kinds": False})
-    if args.kinds:
+        refuse(args, "curves of hard dots", rendered | of_kinds | {"quick": False, "kinds": False})
+    elif args.kinds:
         refuse(args, "curves of kinds", rendered)
+    else:
+        refuse(args, "rendered targets", of_kinds)
     if args.hard:
         from testfield.bench.hard_dots import bench_hard, lines
 

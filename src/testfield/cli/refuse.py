@@ -7,6 +7,7 @@ from typing import Any
 OF_DOTS: dict[str, Any] = {"largest_px": None, "unclear": None, "lines": None, "dense": True, "shade": True}
 """What turns the detection of dots (`knobs.py`), with what stands there where nobody gave it."""
 NAMES = {"polarity": "--white-on-black or --black-on-white", "dense": "--no-dense", "shade": "--no-shade"}
+"""How options are written whose name is not theirs."""
 
 
 def refuse(args: argparse.Namespace, what: str, options: Mapping[str, Any]) -> None:

@@ -141,7 +141,11 @@ def _targets(job: Any, where: Path) -> tuple[Any, str, Path, Any, tuple]:
 
     field, target = job.option("--field"), job.option("--target")
     if not job.images:
-        raise TestfieldError("this job was measured from observations: no photograph shows its light", str(where))
+        raise TestfieldError(
+            "this job was measured from observations: no photograph shows its light",
+            str(where),
+            "measure the photographs",
+        )
     given = argparse.Namespace(field=Path(field) if field else None, target=target or "ring14")
     found = targets_of(given)
     if job.cameras and not found[0].cameras and not {"--rig", "--by-folder"} & set(job.options):

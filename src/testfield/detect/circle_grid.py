@@ -9,6 +9,7 @@ MISS = 0.25
 SIZES = 1.7
 """Neighbours differ in diameter by less than this ratio."""
 UNPLACED = np.iinfo(int).min
+"""Place of what a grid was not followed to: places from a seed are of either sign."""
 LEAST_FILLED, LEAST_EDGE = 0.9, 0.5
 """Parts of a whole grid, and of each of its outer rows, that must be found where some dots are not."""
 

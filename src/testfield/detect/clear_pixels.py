@@ -6,17 +6,10 @@ from testfield.detect.corner_model import HALF_PX, offsets_px
 from testfield.targets.field import NominalBoard
 
 AROUND = 8
-
-
+"""Places around a pixel at which the print is looked at."""
 NEAREST = 8
-
-
 """Known corners that tell where another one is."""
-
-
 CLEAR_PX, CLEAR_OF_BLUR = 1.8, 2.8
-
-
 """Nothing but the two edges may be printed within this distance of a pixel that is used, in px and in sigmas."""
 
 

@@ -20,6 +20,7 @@ BLUR, BLACK, CONTRAST, LIGHT_X, LIGHT_Y, ALONG_ROWS, DIAGONALLY = range(SHAPE, S
 UNEVEN = slice(ALONG_ROWS, DIAGONALLY + 1)
 """What blurs along the rows more than down the columns, and along one diagonal more than the other, in px^2."""
 ALL = SHAPE + 7
+"""Number of all parameters."""
 ROUNDS = 25
 SETTLED_PX = 1e-4
 FIRST_BLUR_PX, LEAST_BLUR_PX, MOST_BLUR_PX = 0.8, 0.25, 5.0
@@ -103,7 +104,7 @@ def _modelled(theta: np.ndarray, radii: np.ndarray, xy_px: np.ndarray, middle: n
     light = 1 + offset @ theta[LIGHT_X : LIGHT_Y + 1]
     level = theta[BLACK] + theta[CONTRAST] * white
     factor = light * theta[CONTRAST]
-    by_variance = factor * by_blur  # of the blur, twice
+    by_variance = factor * by_blur  # twice the derivative by the variance
     slopes = np.column_stack(
         [
             (factor * by_rho)[:, None] * at.by_shape,

@@ -17,6 +17,7 @@ AROUND = 9
 ROUNDS = 6
 """The homography takes up a small part of the shift; so often it is freed of it."""
 MADS_A_SIGMA = 1.4826
+"""Standard deviation over median absolute deviation, of a normal distribution."""
 
 
 def edge_shift(board_mm: np.ndarray, xy_px: np.ndarray) -> tuple[float, float, np.ndarray]:

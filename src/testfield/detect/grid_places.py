@@ -18,8 +18,9 @@ from testfield.detect.targets import Targets
 from testfield.targets.kinds.hexcircles import row_shifts
 
 BLURRED, UNFITTED = "too blurred to tell its shape", "no ellipse fits"
+"""What speaks neither for nor against a dot."""
 UNLIKE = ("a polygon", "a ring or a spot", "not an ellipse")
-"""What speaks neither for nor against a dot, and what speaks against it."""
+"""What speaks against it."""
 LEAST_MEASURED, MOST_UNLIKE = 0.25, 0.1
 """Parts of the grid that must be measured without its help, and that may look unlike a dot."""
 CERTAIN_CHI2 = 2.0
@@ -90,7 +91,7 @@ def _ordered(targets: Targets, target: TargetSpec, among: np.ndarray) -> np.ndar
 def _in_tag(targets: Targets, target: TargetSpec, good: np.ndarray) -> np.ndarray:
     """Dots of a RUNE-Tag as if they stood in one row."""
     place = np.full((len(good), 2), -1)
-    diameter = 4 * np.linalg.det(targets.moments_px2[good]) ** 0.25
+    diameter = diameters(targets.moments_px2[good])
     number = name_rune(targets.xy_px[good], diameter, target.pattern())
     place[good] = np.column_stack([number, np.minimum(number, 0)])
     return place
@@ -99,6 +100,6 @@ def _in_tag(targets: Targets, target: TargetSpec, good: np.ndarray) -> np.ndarra
 def runes(targets: Targets) -> np.ndarray:
     """(n,) which point of a RUNE-Tag each dot is, -1 for none; `targets.code` gets the tags' numbers."""
     good, point = targets.status == MEASURED, np.full(len(targets.code), -1)
-    diameter = 4 * np.linalg.det(targets.moments_px2[good]) ** 0.25
+    diameter = diameters(targets.moments_px2[good])
     targets.code[good], point[good] = read_runes(targets.xy_px[good], diameter)
     return point

@@ -10,12 +10,15 @@ from testfield.detect.touching_tags import DARKER, quadrangles
 from testfield.targets.board_pattern import CORNERS_A_TAG, SIDES
 
 LEAST_SIDE_PX = 5.0
+"""Smaller squares have no straight part between their blurred corners."""
 SAME = 0.6
 """Two quadrangles are one where their middles are nearer than this part of the larger one's side."""
 FEWEST = 4
+"""Squares that make a grid."""
 LOOKED_AT, MISS = 4, 0.25
 """Of so many squares near where one has its neighbour one may be it; how far off it may be, in spacings."""
 STEPS = ((1, 0), (0, 1), (-1, 0), (0, -1))
+"""Column and row of the neighbour beside each side, clockwise from the one ahead."""
 BESIDE, BESIDE_PX = 0.08, 1.5
 """How far within and beyond a side black and white are looked at: parts of the side, and px at least."""
 ALONG = np.linspace(0.15, 0.85, 16)

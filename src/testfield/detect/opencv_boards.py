@@ -19,14 +19,13 @@ from testfield.detect.small_tags import read_tags, with_small_tags
 from testfield.detect.target_spec import TargetSpec
 from testfield.detect.touching_tags import read_touching_tags
 from testfield.errors import TestfieldError
-from testfield.targets.board_pattern import dictionary
+from testfield.targets.board_pattern import CORNERS_A_TAG, dictionary
 
 CHECKERBOARD_TRIALS = 4
 """OpenCV's checkerboard finder draws at random, and now and then it returns points that are no grid."""
 OLDER_WITHIN_PX = 4
 """Half-width of the window in which the older finder's corners are refined: it leaves them 3 px off."""
 UNTIL = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 40, 1e-3)
-CORNERS_A_TAG = 4
 PUPIL_CORNERS = [1, 0, 3, 2]
 """pupil-apriltags' corners in the order of the print that OpenCV makes: clockwise from its top left."""
 PUPIL_CORNERS_OF_MAKERS = [3, 2, 1, 0]

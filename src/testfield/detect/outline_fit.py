@@ -25,6 +25,7 @@ ASKED = ELLIPSE + 2 * WAVES + 1
 """The last parameter is the level of a disc in the middle, of `HOLE` radii."""
 HOLE = 0.5
 LEAST_POINTS = 48
+"""Of an outline, however sharp and small it is: harmonics need them."""
 FINE, FINELY_FELT = 1.5, 4.0
 """Distance of an outline's points, and how far they are felt, in units of the blur: pixels are right to 1e-4 of the
 contrast, a hundredth of their noise."""

@@ -16,10 +16,10 @@ from testfield.detect.corner_model import FARTHEST_PX
 from testfield.detect.edge_shift import edge_shift
 from testfield.detect.noise import estimate_sheet
 from testfield.detect.observations import MEASURED, READ, Observations
-from testfield.detect.opencv_boards import CORNERS_A_TAG, Corners
+from testfield.detect.opencv_boards import Corners
 from testfield.detect.square_boards import Seen, detect_squares, measure_corners
 from testfield.detect.target_spec import TargetSpec
-from testfield.targets.board_pattern import BoardPattern, dictionaries, dictionary
+from testfield.targets.board_pattern import CORNERS_A_TAG, BoardPattern, dictionaries, dictionary
 from testfield.targets.field import Field, NominalBoard
 from testfield.targets.marks import Marks
 
@@ -33,8 +33,9 @@ READ_PX = {
     "tags": 0.8,
     "aprilgrid": 0.4,
     "squares": 0.8,
-} | {"acircles": 0.25}
-"""Standard deviations of what OpenCV reads, in each direction."""
+    "acircles": 0.25,
+}
+"""Standard deviations of what is read before a model is fitted, in each direction."""
 QUIET_CELLS = (1.0, 0.5, 0.25)
 """White around a tag, in cells: what its makers ask for, and less where it is not there."""
 TAG_MM = 1.0

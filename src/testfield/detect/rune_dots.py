@@ -50,6 +50,7 @@ CHANCE = 1e-8
 """Words that chance may bring as near as one that nobody expected: some ten ellipses of an image are read, and a wrong
 number in a million images is too many."""
 ANY = BoardPattern("runetag", 1, 1, 1.0, DOT)
+"""A tag whose number and size nobody told: a unit wide."""
 
 Told = Callable[[np.ndarray], tuple[BoardPattern, int] | None]
 """Symbols (43,) to the tag that they show and the sector that is its first, or None."""

@@ -1,4 +1,4 @@
-"""Which tag do cells show, as levels or under a blur that mixes neighbouring cells?
+"""Which tag cells show, as levels or under a blur that mixes neighbouring cells.
 
 Cells of one or two pixels, and those of any size under a large blur, have no level of their own: each shows a mean of
 itself and its neighbours, and a threshold between black and white reads what is not printed. What every tag of a
@@ -27,6 +27,7 @@ BY_CHANCE, LEAST_WRONG = 1e-3, 0.5
 """With which probability a random word may be a tag's, by which dictionaries of short words allow fewer wrong bits; and
 what noise may leave in any case."""
 ROUNDS = 4
+"""The level between dark and bright has settled after these."""
 LEAST_RANGE = 12.0
 """Difference of black and white within a tag below which nothing is read, of 255."""
 BLURS = (0.15, 0.3, 0.45, 0.6)
@@ -37,17 +38,21 @@ APART = 1.0
 """Wrong bits by which the second best tag must be worse."""
 
 
+@cache
 def words_of(names: str) -> np.ndarray:
     """(4, n, bits) what all tags of a dictionary show row by row, white 1, turned k times by a quarter clockwise.
 
     Raises `ValueError` where there is no such dictionary."""
-    return _words(names)
+    tags = dictionary(names)
+    side = int(tags.markerSize)
+    shown = [tags.generateImageMarker(k, side + 2)[1:-1, 1:-1] > 0 for k in range(len(tags.bytesList))]
+    return np.array([[np.rot90(one, -k).ravel() for one in shown] for k in range(4)])
 
 
 def read_bits(cells: np.ndarray, names: str, border: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Of the levels (q, cells, cells) of tags with a `border` of so many cells: numbers (n,) in the dictionary, -1 for
     none, by how many corners each is turned (n,), and how many bits are wrong (n,)."""
-    words = _words(names)
+    words = words_of(names)
     number, turns, wrong = np.full(len(cells), -1), np.zeros(len(cells), int), np.full(len(cells), np.inf)
     for k, one in enumerate(cells):
         read = _by_level(one, words, border, _wrong_bits(names))
@@ -60,17 +65,9 @@ def read_bits(cells: np.ndarray, names: str, border: int) -> tuple[np.ndarray, n
 
 
 @cache
-def _words(names: str) -> np.ndarray:
-    tags = dictionary(names)
-    side = int(tags.markerSize)
-    shown = [tags.generateImageMarker(k, side + 2)[1:-1, 1:-1] > 0 for k in range(len(tags.bytesList))]
-    return np.array([[np.rot90(one, -k).ravel() for one in shown] for k in range(4)])
-
-
-@cache
 def _wrong_bits(names: str) -> float:
     """How many bits of a dictionary's tags may be wrong."""
-    turned, count, bits = _words(names).shape
+    turned, count, bits = words_of(names).shape
     tags, near = turned * count / 2.0**bits, np.cumsum([comb(bits, k) for k in range(WRONG_BITS + 1)])
     seldom = int((tags * near <= BY_CHANCE).sum()) - 1
     return max(LEAST_WRONG, min(seldom, CORRECTED * int(dictionary(names).maxCorrectionBits)))
@@ -107,7 +104,7 @@ class _Blurred:
 
 @cache
 def _blurred(names: str, border: int) -> list[_Blurred]:
-    words = _words(names)
+    words = words_of(names)
     bits = int(np.sqrt(words.shape[2]))
     side = bits + 2 * border
     printed = np.ones((4 * words.shape[1], side + 2 * AROUND, side + 2 * AROUND), np.float32)
@@ -137,7 +134,7 @@ def _by_likelihood(cells: np.ndarray, names: str, border: int) -> tuple[np.ndarr
     """The same as of `read_bits`, from the tags as blurs show them: a level and a contrast are fitted to each."""
     levels = cells.reshape(len(cells), -1).astype(np.float32)
     levels = levels - levels.mean(axis=1, keepdims=True)
-    total, count, allowed = (levels**2).sum(axis=1), _words(names).shape[1], _wrong_bits(names)
+    total, count, allowed = (levels**2).sum(axis=1), words_of(names).shape[1], _wrong_bits(names)
     number, turns, wrong = np.full(len(cells), -1), np.zeros(len(cells), int), np.full(len(cells), np.inf)
     for blurred in _blurred(names, border):
         along = levels @ blurred.unit.T

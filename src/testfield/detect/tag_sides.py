@@ -10,12 +10,15 @@ import numpy as np
 SAMPLES, FIRST, LAST = 24, 0.1, 0.9
 """Places along a side, and the parts of it between which they lie: corners are of two sides."""
 STEPS = 16
+"""Steps of brightness across a side."""
 REACH_CELLS, LEAST_REACH_PX, MOST_REACH_PX = 1.2, 1.5, 4.0
 """How far across a side its edge is looked for."""
 ROUNDS, OUTLIER, LEAST_PX = 3, 2.5, 0.1
 """A place counts where its edge is within so many standard deviations of the line, or so many px."""
 FEWEST = 6
+"""Places that make a line."""
 AT_ONCE = 256
+"""Quadrangles at a time, for the memory of their samples."""
 
 
 def straightened(image: np.ndarray, quads: np.ndarray, cells: int) -> np.ndarray:

@@ -11,8 +11,8 @@ import numpy as np
 from testfield.calibrate.calibration import Calibration
 from testfield.detect.observations import MEASURED, READ, Observations
 from testfield.detect.target_spec import TargetSpec
-from testfield.measure.single_tags import A_TAG
 from testfield.measure.single_tags import KINDS as SINGLE_TAGS
+from testfield.measure.single_tags import corner_codes
 from testfield.reconstruct.gls import gls
 from testfield.reconstruct.points import Points
 from testfield.reconstruct.sights import rays_of, sights_of
@@ -29,7 +29,7 @@ def numbered(o: Observations, coded: np.ndarray, target: TargetSpec) -> Observat
     code, status = o.code, o.status
     if target.kind in SINGLE_TAGS:
         corner = coded & (o.point >= 0)
-        code = np.where(corner, A_TAG * o.code + o.point + 1, o.code)
+        code = np.where(corner, corner_codes(o.code, np.where(coded, o.point, -1)), o.code)
         status = np.where(corner & (o.status == READ), MEASURED, o.status).astype(object)
     return replace(
         o,

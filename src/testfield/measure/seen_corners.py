@@ -10,6 +10,7 @@ from scipy.special import ndtr
 REACH, LEAST_REACH_PX, MOST_REACH_PX = 0.35, 3.0, 9.0
 """How far around a corner pixels are used: in distances to the nearest corner, and in px."""
 LEAST_SINE = 0.5
+"""Of the angle between the two edges: neighbours along one line tell of one edge only."""
 MOST_MISFIT = 0.08
 """Rms misfit over the contrast beyond which a corner tells nothing: it touches a tag, or is half in shade."""
 

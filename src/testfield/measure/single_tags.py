@@ -19,9 +19,11 @@ from testfield.reconstruct.points import Points
 from testfield.targets.field import TIME, ScaleBar
 
 KINDS = ("aruco", "apriltag")
+"""Kinds of targets that are tags by themselves."""
 NOMINAL_U_SIZE = 0.005
 """Standard uncertainty of a size that nobody certified, as a part of it, as printers are off."""
 A_TAG = 10
+"""Codes from one tag to the next, so that a person reads the tag in the code."""
 OTHER_SIZE = 0.05
 """A tag that is larger or smaller than it should be by more than this part is told of."""
 
@@ -36,13 +38,10 @@ def as_coded(found: Sequence[Found]) -> tuple[list[Found], tuple[str, ...]]:
     for one in found:
         o = one.observations
         here = o.point >= 0
-        if (o.code[here] >= TIME // A_TAG).any():
-            number = int(o.code[here].max())
-            raise TestfieldError(f"tag {number}: numbers up to {TIME // A_TAG - 1} can be measured", "--target")
         use = here & np.isfinite(o.xy_px).all(axis=1) & np.isfinite(o.cov_px2).all(axis=(1, 2))
         status = np.where(use & (o.status == READ), MEASURED, o.status).astype(object)
         read, all_of = read + int((use & (o.status == READ)).sum()), all_of + int(use.sum())
-        code = np.where(here, A_TAG * o.code + o.point + 1, 0)
+        code = corner_codes(o.code, o.point)
         answer.append(replace(one, observations=replace(o, code=code, status=status, point=np.full(len(o), -1))))
     if not read:
         return answer, ()
@@ -51,13 +50,28 @@ def as_coded(found: Sequence[Found]) -> tuple[list[Found], tuple[str, ...]]:
     )
 
 
+def corner_codes(tag: np.ndarray, corner: np.ndarray) -> np.ndarray:
+    """(n,) codes of the corners (n,), from 0, of tags (n,); 0 where `corner` is negative.
+
+    Raises `TestfieldError` for a tag whose corners' codes would be too large.
+    """
+    here = corner >= 0
+    if (tag[here] >= TIME // A_TAG).any():
+        raise TestfieldError(
+            f"tag {int(tag[here].max())}: numbers up to {TIME // A_TAG - 1} can be measured",
+            "--target",
+            "leave such tags out of the images, or name another family",
+        )
+    return np.where(here, A_TAG * tag + corner + 1, 0)
+
+
 def sized(certified: Certified, found: Sequence[Found], target: TargetSpec) -> Certified:
     """What is certified, and where the tags' size was told their diagonals; nothing more where somebody certified
     lengths or places, which are better known than a print."""
     if not target.sized or certified.known or any(bar.role == "control" for bar in certified.bars):
         return certified
     codes = {int(c) for one in found for c in one.observations.code}
-    ends = [(10 * n + a, 10 * n + a + 2) for n in sorted({c // A_TAG for c in codes if c}) for a in (1, 2)]
+    ends = [(A_TAG * n + a, A_TAG * n + a + 2) for n in sorted({c // A_TAG for c in codes if c}) for a in (1, 2)]
     ends = [pair for pair in ends if codes.issuperset(pair)]
     length = float(np.sqrt(2) * target.marker_mm)
     u = NOMINAL_U_SIZE * length * np.sqrt(max(len(ends), 1))

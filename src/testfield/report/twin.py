@@ -13,6 +13,7 @@ from testfield.report.style import shown
 from testfield.store.text import write_text
 
 WIDTH_PX, MOST_PAIRS = 720, 6
+"""Of each image on the page, and how many stations are shown: the page is one file to be sent."""
 
 
 def write_twin(

@@ -75,7 +75,6 @@ def build_world(scene: SceneFile, workshop: int | None = None) -> World:
                 "lower bow_mm or thickness_mm",
             )
         corners = nominal.has_corners
-        size = (1 + scale_error) * (1 + 1e-6 * board.scale_error_ppm)
         off_mm = marks_off(board, len(nominal.marks), k)
         size = (1 + scale_error) * (1 + 1e-6 * board.scale_error_ppm)
         true_xy = nominal.marks.xy_mm * size + nominal.u_xy_mm * _misprints(board, len(nominal.marks), made)

@@ -15,6 +15,7 @@ from testfield.scene.board_parts import BoardPart
 UNDER_PIECES_MM = 0.05
 """How far behind its lowest corner the ground of a wavy sheet lies."""
 NEIGHBOURS = 5
+"""Marks, the own one among them, through which a tangent plane goes."""
 SEAM_MM = 0.02
 """Width of the seams between pieces: less than images show, and no piece's edge lies under another."""
 

@@ -15,14 +15,8 @@ def check_positions(world: World) -> dict[int, np.ndarray]:
 
 
 LINES, LENGTHS = 7, 5
-
-
 """Measuring lines, and test lengths on each, that VDI/VDE 2634 part 1 recommends."""
-
-
 CORNER = 0.1
-
-
 """An end point this near to a corner, in shortest sides of the volume, is in that corner."""
 
 

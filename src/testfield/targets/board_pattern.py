@@ -77,9 +77,8 @@ class BoardKind:
     `known_within_mm` of one that was read. Circles are `staggered` in an asymmetric grid, and in a `hexagonal` one.
     `shows_front` tells whether an image of the board tells it from its mirror image. `turned_tags` are printed turned
     by half against OpenCV's print, and `corner_squares` touch the corners of all tags. Circles whose `diameters_mm`
-    (n,) differ tell them; those
-    `on_circles` about the middle are told by where they stand on them. `discs` gives the print of round tags, whose
-    centres are their points; `cells` is then the paper that holds them.
+    (n,) differ tell them; those `on_circles` about the middle are told by where they stand on them. `discs` gives the
+    print of round tags, whose centres are their points; `cells` is then the paper that holds them.
 
     A kind that OpenCV's finders of tags, checkerboards and grids of circles do not find gives a finder of its own when
     it is registered: `read` (image (h, w), pattern) to a `detect.square_boards.Seen` or None, or `name` (centres
