@@ -223,7 +223,7 @@ def _read(one: Set, folder: Path, out: Path) -> tuple[str, str, str, list[str]]:
     seen = np.isin(o.status.astype(str), (MEASURED, READ)) & np.isfinite(o.xy_px).all(axis=1)
     read = int((o.status[seen] == READ).sum())
     if read:
-        notes.append(f"{read} as OpenCV read them")
+        notes.append(f"{read} as they were read")
     residual = ""
     answer = out / "measurement.json"
     if answer.exists():

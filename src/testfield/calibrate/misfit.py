@@ -159,7 +159,7 @@ def widened_by_images(
         adjustment = replace(adjustment, cov=adjustment.cov.widened(adjustment.network, factor))
     said = [
         f"images differ from each other {np.sqrt(factor):.1f} times as much as their points' scatter explains (a "
-        "target that bends or moves from image to image, focus): all uncertainties are those of the images"
+        "target that bends or moves from image to image, focus): what they share is as uncertain as they show it"
     ]
     return adjustment, replace(misfit, between=factor), said if factor > 1 else []
 

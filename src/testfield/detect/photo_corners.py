@@ -61,7 +61,7 @@ def measure_read(photograph: Photograph, target: TargetSpec, found: Corners) -> 
         if target.kind == "checkerboard" and not len(corners):  # OpenCV reads it either way
             corners, _ = detect_squares(Frame(photograph.name, *_inverted(image, sheet)), field)
     if not len(corners):
-        return o, (f"all {len(o)} points are as OpenCV read them: no model can be fitted",)
+        return o, (f"all {len(o)} points are as they were read: no model can be fitted",)
     if target.kind == "checkerboard":  # a board that is read either way is there twice
         corners = corners.take(corners.board == corners.board.min())
     gap = np.linalg.norm(o.xy_px[:, None] - corners.xy_px[None], axis=2)
@@ -79,7 +79,7 @@ def measure_read(photograph: Photograph, target: TargetSpec, found: Corners) -> 
         getattr(o, name)[good] = getattr(corners, name)[same[good]]
     why = Counter(np.where(near, corners.status[same], "no model near")[~good].tolist())
     told = "; ".join(f"{count} {reason}" for reason, count in why.most_common())
-    notes = [f"{int((~good).sum())} points are as OpenCV read them ({told})"] if told else []
+    notes = [f"{int((~good).sum())} points are as they were read ({told})"] if told else []
     if target.kind in ("tags", "squares"):
         notes += _without_edge_shift(o, _boards(target, found)[0].pattern)
     return o, tuple(notes)

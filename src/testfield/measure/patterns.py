@@ -134,7 +134,7 @@ def of_boards(
         read = here & (number >= 0) & (o.status == READ)
         if read.any():
             notes.append(
-                f"{int(read.sum())} of {int(here.sum())} points of '{pattern.name}' are as OpenCV read them, and take "
+                f"{int(read.sum())} of {int(here.sum())} points of '{pattern.name}' are as they were read, and take "
                 "part with the uncertainty of such readings"
             )
         status[read] = MEASURED

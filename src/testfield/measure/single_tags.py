@@ -46,7 +46,7 @@ def as_coded(found: Sequence[Found]) -> tuple[list[Found], tuple[str, ...]]:
     if not read:
         return answer, ()
     return answer, (
-        f"{read} of {all_of} corners are as OpenCV read them, and take part with the uncertainty of such readings",
+        f"{read} of {all_of} corners are as they were read, and take part with the uncertainty of such readings",
     )
 
 
