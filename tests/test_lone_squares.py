@@ -68,6 +68,20 @@ def test_edges_that_a_tone_curve_moves_leave_the_corners_where_they_are() -> Non
     assert abs(np.median(outwards)) < 0.01
 
 
+def test_corners_beside_hidden_ones_are_freed_of_the_shift_as_all_others() -> None:
+    image, xy = picture(30)
+    bright = (255 * (image / 255.0) ** 0.55).round().astype(np.uint8)
+    for x, y in np.rint(xy[::12]).astype(int):
+        cv2.circle(bright, (int(x) + 2, int(y)), 2, 120, -1)
+    o = found_in(bright).observations
+    good = o.status == MEASURED
+    partly = good & (np.bincount(o.point[good] // 4, minlength=len(xy) // 4)[o.point // 4] < 4)
+    assert partly.sum() > 20
+    from_middle = o.xy_px - xy.reshape(-1, 4, 2).mean(axis=1)[o.point // 4]
+    outwards = ((o.xy_px - xy[o.point]) * from_middle).sum(axis=1) / np.linalg.norm(from_middle, axis=1)
+    assert abs(np.median(outwards[partly])) < 0.02
+
+
 @pytest.mark.parametrize("shift_px", [0.0, 0.25, -0.1])
 def test_the_shift_of_edges_is_the_one_that_was_put_in(shift_px: float) -> None:
     H = np.array([[1.5, 0.2, 200.0], [0.1, -1.4, 150.0], [2e-4, 1e-4, 1.0]])

@@ -8,14 +8,14 @@ against their spacing.
 import cv2
 import numpy as np
 
-from testfield.targets.board_pattern import CORNERS_A_TAG
-
 FEWEST = 4
 """Squares below which nothing is told."""
 AROUND = 9
 """Squares around each, itself among them, whose homography says where its corners belong."""
 ROUNDS = 6
 """The homography takes up a small part of the shift; so often it is freed of it."""
+SHARPEST = 0.1
+"""No corner is sharper than one whose edges' normals have a cosine of this less 1."""
 MADS_A_SIGMA = 1.4826
 """Standard deviation over median absolute deviation, of a normal distribution."""
 
@@ -25,7 +25,7 @@ def edge_shift(board_mm: np.ndarray, xy_px: np.ndarray) -> tuple[float, float, n
     have them, its standard uncertainty, and what it moves each corner by (n, 4, 2) px. Zeros where too few squares are
     there to tell."""
     n = len(board_mm)
-    away = _outwards(xy_px)
+    away = outwards(xy_px)
     if n < FEWEST:
         return 0.0, 0.0, np.zeros_like(xy_px)
     middle = board_mm.mean(axis=1)
@@ -44,10 +44,10 @@ def edge_shift(board_mm: np.ndarray, xy_px: np.ndarray) -> tuple[float, float, n
     return shift, spread * float(np.sqrt(np.pi / 2 / n)), shift * away
 
 
-def _outwards(xy_px: np.ndarray) -> np.ndarray:
+def outwards(xy_px: np.ndarray) -> np.ndarray:
     """(n, 4, 2) where each corner of quadrangles, clockwise in the image, goes when both of its edges go 1 px out."""
     side = np.roll(xy_px, -1, axis=1) - xy_px
     side = side / np.linalg.norm(side, axis=2, keepdims=True)
     normal = np.stack([side[..., 1], -side[..., 0]], axis=-1)
-    edges = np.stack([normal, np.roll(normal, 1, axis=1)], axis=-2)
-    return np.asarray(np.linalg.solve(edges, np.ones((*xy_px.shape[:2], CORNERS_A_TAG // 2, 1)))[..., 0])
+    before = np.roll(normal, 1, axis=1)
+    return np.asarray((normal + before) / np.maximum(1 + (normal * before).sum(axis=2, keepdims=True), SHARPEST))

@@ -13,7 +13,7 @@ import numpy as np
 from testfield.camera.images import Frame, InvertedSheet, SensorSheet
 from testfield.camera.photograph import Photograph
 from testfield.detect.corner_model import FARTHEST_PX
-from testfield.detect.edge_shift import edge_shift
+from testfield.detect.edge_shift import edge_shift, outwards
 from testfield.detect.noise import estimate_sheet
 from testfield.detect.observations import MEASURED, READ, Observations
 from testfield.detect.opencv_boards import Corners
@@ -94,10 +94,12 @@ def _without_edge_shift(o: Observations, pattern: BoardPattern | None) -> list[s
     rows = order[np.isin(tag, whole)].reshape(-1, CORNERS_A_TAG)
     told = (o.status[rows] == MEASURED).all(axis=1)
     corners_mm = pattern.points_mm.reshape(-1, CORNERS_A_TAG, 2)[whole]
-    shift, u, away = edge_shift(corners_mm[told], o.xy_px[rows[told]])
-    if not away.size or not shift:
+    shift, u, _ = edge_shift(corners_mm[told], o.xy_px[rows[told]])
+    if not shift:
         return []
-    rows, away = rows[told].ravel(), away.reshape(-1, 2)
+    # A corner moves with its two edges, whether or not all others of its square were measured.
+    measured = o.status[rows] == MEASURED
+    rows, away = rows[measured], shift * outwards(o.xy_px[rows])[measured]
     o.xy_px[rows] -= away
     o.cov_px2[rows] += (u / shift) ** 2 * away[:, :, None] * away[:, None, :]
     return [f"edges lie {shift:+.3f} px outwards of where their spacing has them ({u:.3f}); corners are freed of it"]
