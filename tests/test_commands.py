@@ -13,6 +13,7 @@ import pytest
 
 from testfield.chain.run import Run
 from testfield.cli.main import main
+from testfield.cli.once import Command
 from testfield.evaluate.case import Case
 from testfield.study.finding import Finding, Quantity, above
 from testfield.study.study import Results, Study, Table
@@ -234,3 +235,11 @@ def test_an_option_given_twice_is_refused_with_both_its_values(
     assert words[-2] in said
     assert "k3" in said
     assert "p1" in said
+
+
+def test_an_option_given_its_default_and_then_another_value_is_refused_and_every_command_begins_anew() -> None:
+    parser = Command(prog="one")
+    parser.add_argument("--jobs", type=int, default=1)
+    assert [parser.parse_args(["--jobs", word]).jobs for word in ("1", "2")] == [1, 2]
+    with pytest.raises(SystemExit):
+        parser.parse_args(["--jobs", "1", "--jobs", "2"])

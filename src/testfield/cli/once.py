@@ -12,6 +12,12 @@ class Command(argparse.ArgumentParser):
         super().__init__(*args, **options)
         self.register("action", None, _Once)
         self.register("action", "store", _Once)
+        self.given: set[str] = set()
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """As of `ArgumentParser`; nothing has been given before."""
+        self.given = set()
+        return super().parse_known_args(args, namespace)
 
 
 class _Once(argparse._StoreAction):
@@ -25,9 +31,11 @@ class _Once(argparse._StoreAction):
         option_string: str | None = None,
     ) -> None:
         """Keep `values`. Ends the program with status 2 where the option had some before."""
-        before = getattr(namespace, self.dest, self.default)
-        if option_string is not None and before is not self.default:
-            parser.error(f"{option_string} is given twice, {_said(before)} and {_said(values)}: give it once")
+        if option_string is not None and isinstance(parser, Command):
+            if self.dest in parser.given:
+                before = getattr(namespace, self.dest)
+                parser.error(f"{option_string} is given twice, {_said(before)} and {_said(values)}: give it once")
+            parser.given.add(self.dest)
         super().__call__(parser, namespace, values, option_string)
 
 

@@ -18,6 +18,8 @@ BESIDE = "detection.json"
 """What lies beside the table: the sizes of the images, and what was looked for."""
 MEASURED = "measurement.json"
 """The same beside a table that `testfield measure` wrote."""
+MOST_SIDE_PX = 1_000_000
+"""No image is wider or higher."""
 
 
 @dataclass(frozen=True)
@@ -114,11 +116,17 @@ def _told_of_cameras(path: Path, stations: tuple[str, ...]) -> dict[str, tuple[i
     cameras = content.get("cameras")
     each = list(cameras.values()) if isinstance(cameras, dict) else [content]
     interiors = [one.get("interior") if isinstance(one, dict) else None for one in each]
-    sizes = {(one.get("width_px"), one.get("height_px")) if isinstance(one, dict) else None for one in interiors}
-    size = sizes.pop() if len(sizes) == 1 else None
-    if size is None or not all(isinstance(v, int) and 0 < v < 1e6 for v in size):
+    sizes = [
+        (one.get("width_px"), one.get("height_px")) if isinstance(one, dict) else (None, None) for one in interiors
+    ]
+    told = [
+        (w, h)
+        for w, h in sizes
+        if isinstance(w, int) and isinstance(h, int) and 0 < w < MOST_SIDE_PX and 0 < h < MOST_SIDE_PX
+    ]
+    if len(told) < len(sizes) or len(set(told)) != 1:
         return {}
-    return {name: (int(size[0]), int(size[1])) for name in stations}  # type: ignore[arg-type]
+    return dict.fromkeys(stations, told[0])
 
 
 def parse_size(text: str, where: str) -> tuple[int, int]:
