@@ -1214,12 +1214,12 @@ FAMILIES = [
     ),
     Defect(
         "the bits of an AprilGrid are read inside out",
-        "_words",
+        "words_of",
         "tags.generateImageMarker(__k__, side + 2)[1:-1, 1:-1] > 0",
         "tags.generateImageMarker(__k__, side + 2)[1:-1, 1:-1] == 0",
         APRIL_NAMED,
     ),
-    Defect("words are turned the wrong way", "_words", "np.rot90(one, -k)", "np.rot90(one, k)", APRIL_NAMED),
+    Defect("words are turned the wrong way", "words_of", "np.rot90(one, -k)", "np.rot90(one, k)", APRIL_NAMED),
     Defect(
         "any word is a tag's",
         "_by_level",
