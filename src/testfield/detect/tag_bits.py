@@ -135,23 +135,23 @@ def _by_likelihood(cells: np.ndarray, names: str, border: int) -> tuple[np.ndarr
     levels = cells.reshape(len(cells), -1).astype(np.float32)
     levels = levels - levels.mean(axis=1, keepdims=True)
     total, count, allowed = (levels**2).sum(axis=1), words_of(names).shape[1], _wrong_bits(names)
-    number, turns, wrong = np.full(len(cells), -1), np.zeros(len(cells), int), np.full(len(cells), np.inf)
+    left, turns = np.full((len(cells), count), np.inf), np.zeros((len(cells), count), int)
     for blurred in _blurred(names, border):
         along = levels @ blurred.unit.T
         # What is left of the levels beside a tag's contrast, in bits; most rows are near no tag at all.
         steepest = np.maximum(along.max(axis=1), 1e-6)
-        near = (total / steepest**2 - 1) * blurred.length.min() ** 2 / blurred.energy <= allowed
+        near = (total / steepest**2 - 1) * blurred.length.min() ** 2 / blurred.energy <= allowed + APART
         rows = np.flatnonzero(near)
         contrast = np.maximum(along[rows] / blurred.length, 1e-6)
-        left = (total[rows, None] - along[rows] ** 2) / contrast**2 / blurred.energy
-        left[contrast < LEAST_RANGE] = np.inf
-        left = left.reshape(len(rows), 4, count)
-        of_number = left.min(axis=1)
-        best, each = of_number.argmin(axis=1), np.arange(len(rows))
-        least = of_number[each, best]
-        of_number[each, best] = np.inf
-        second = of_number.min(axis=1, initial=np.inf)
-        better = (least < wrong[rows]) & (least <= allowed) & (second > least + APART)
-        number[rows[better]], wrong[rows[better]] = best[better], least[better]
-        turns[rows[better]] = -left[each, :, best].argmin(axis=1)[better]
-    return number, turns, wrong
+        here = (total[rows, None] - along[rows] ** 2) / contrast**2 / blurred.energy
+        here[contrast < LEAST_RANGE] = np.inf
+        here = here.reshape(len(rows), 4, count)
+        less = here.min(axis=1) < left[rows]
+        left[rows] = np.where(less, here.min(axis=1), left[rows])
+        turns[rows] = np.where(less, -here.argmin(axis=1), turns[rows])
+    # Another tag under another blur is a rival as well.
+    best, each = left.argmin(axis=1), np.arange(len(left))
+    least = left[each, best]
+    left[each, best] = np.inf
+    good = (least <= allowed) & (left.min(axis=1, initial=np.inf) > least + APART)
+    return np.where(good, best, -1), np.where(good, turns[each, best], 0), np.where(good, least, np.inf)

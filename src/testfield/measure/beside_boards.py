@@ -30,7 +30,8 @@ def numbered(o: Observations, coded: np.ndarray, target: TargetSpec) -> Observat
     if target.kind in SINGLE_TAGS:
         corner = coded & (o.point >= 0)
         code = np.where(corner, corner_codes(o.code, np.where(coded, o.point, -1)), o.code)
-        status = np.where(corner & (o.status == READ), MEASURED, o.status).astype(object)
+        known = np.isfinite(o.xy_px).all(axis=1) & np.isfinite(o.cov_px2).all(axis=(1, 2))
+        status = np.where(corner & known & (o.status == READ), MEASURED, o.status).astype(object)
     return replace(
         o,
         code=np.where(coded, code, 0),
