@@ -135,6 +135,7 @@ def test_the_band_of_a_systematic_part_holds_it(true: float) -> None:
     assert np.sqrt(np.mean(np.square(without))) == pytest.approx(true, abs=0.045)
 
 
+@pytest.mark.slow
 def test_a_run_that_was_stopped_goes_on_and_gives_the_same_bytes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -76,6 +76,7 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, float]:
     return out, time.monotonic() - begun
 
 
+@pytest.mark.slow
 def test_a_killed_comparison_goes_on_to_the_same_tables(undisturbed: tuple[Path, float], tmp_path: Path) -> None:
     there = killed(tmp_path, 1)
     assert any("cases" in str(path) for path in there) and any("radiance" in str(path) for path in there)

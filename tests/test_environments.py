@@ -42,6 +42,7 @@ def wheel(tmp_path: Path) -> Callable[[str], Path]:
     return made
 
 
+@pytest.mark.slow
 def test_each_release_has_its_own_python_and_is_made_once(
     wheel: Callable[[str], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ) -> None:

@@ -46,7 +46,7 @@ RING = {"target": {"kind": "ring14"}}
 def whole_only(monkeypatch: pytest.MonkeyPatch) -> None:
     """The halves of the images are not measured too: they take six times as long, and only some tests ask them."""
     room = import_module("testfield.measure.photographs")  # by its path, `testfield.measure` is the function
-    monkeypatch.setattr(room, "compare_halves", lambda images, measure: NO_HALVES)
+    monkeypatch.setattr(room, "compare_halves", lambda *_: NO_HALVES)
 
 
 def observations_of(noise_px: float = SIGMA_PX, coded: int = 20, seed: int = 0) -> tuple[Observations, list[Found]]:

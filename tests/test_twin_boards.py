@@ -164,7 +164,7 @@ def test_the_twin_of_a_board_scatters_as_its_photographs(
     several: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     room = import_module("testfield.measure.photographs")
-    monkeypatch.setattr(room, "compare_halves", lambda images, measure: NO_HALVES)
+    monkeypatch.setattr(room, "compare_halves", lambda *_: NO_HALVES)
     pattern = "columns = 10, rows = 7, square_mm = 28"
     pattern = f'kind = "checkerboard", {pattern}' if several else f'kind = "charuco", {pattern}, marker_mm = 21'
     cameras, held = (TWO, 'rig = "bar"') if several else (ONE, "")
